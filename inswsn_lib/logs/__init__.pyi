@@ -1,3 +1,4 @@
+from .calibration import Calibration as Calibration, calibrate as calibrate
 from .columns import INS as INS, REFERENCE as REFERENCE, TIME as TIME, WSN as WSN
 from .correction import Rung as Rung
 from .csv_folder import write_csv as write_csv
@@ -10,16 +11,16 @@ from .filter_checks import (
     check_nees as check_nees,
 )
 from .findings import Finding as Finding, verdict as verdict
-from .fit import calibrate as calibrate
-from .fix_velocities import slope_velocity as slope_velocity
 from .imu_clock import ImuClock as ImuClock, imu_clock as imu_clock
 from .ins_wsn import TrackPair as TrackPair, read_recording as read_recording
 from .ladder import Ladder as Ladder
 from .outages import Outages as Outages
-from .range_fixes import multilaterate_track as multilaterate_track
+from .range_fixes import (
+    multilaterate_track as multilaterate_track,
+    slope_velocity as slope_velocity,
+)
 from .registry import load as load, load_drive as load_drive, names as names
 from .report import Report as Report, report as report
-from .results import Calibration as Calibration
 from .set_up_checks import check_set_up as check_set_up
 from .suggest import suggest as suggest
 from .track_checks import check_recording as check_recording

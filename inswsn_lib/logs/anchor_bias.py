@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.logs.blocks import FEWEST, block_starts, jackknife
-from inswsn_lib.logs.model import State
-from inswsn_lib.logs.results import Calibration
+from inswsn_lib.logs.model import Rows, State, Unknowns
 from inswsn_lib.logs.window_fits import (
     PERIODS,
     WindowFit,
@@ -22,118 +18,68 @@ from inswsn_lib.logs.window_fits import (
     fit_windows,
     mean_times,
     window_ranges,
-    window_rows,
 )
 from inswsn_lib.simulation.position_search import squares
 from inswsn_lib.streams import Ranges
 
-_ROUNDS, _NEAR = 30, 1e-4  # m
-_LENGTH = 0.01  # m, the least limit
-_NULL = 1e-6  # of the eigenvalues of the information
 
+class Meeting(Unknowns):
+    """Ranges of intervals that should meet in points, but for a bias of each anchor.
 
-def bias_of_ranges(ranges: Ranges, block: float, limit: float | None) -> Calibration:
-    """Return the bias by anchor with which the ranges of each interval meet in one point best.
+    The positions are unknowns, too, and eliminated (variable projection, Golub and Pereyra 1973).
+    What all anchors have too much is told by how ranges from all around cannot meet.
 
-    The positions of the intervals are unknowns, too; they are eliminated from the normal equations
-    of each interval (Schur's complement), and the loss is soft-l1. Within an interval the tag moves
-    with the velocity between the intervals before and after. What all anchors have too much is
-    told by how ranges from all around cannot meet.
+    Parameters
+    ----------
+    ranges : Ranges
     """
-    period, d = enough_ranges(ranges), ranges.anchors.shape[1]
-    if period is None:
-        raise InswsnError(
-            f"The bias by anchor cannot be told without a reference: hardly an interval of "
-            f"{PERIODS[-1]:g} s has ranges to {d + 1} anchors, so none is redundant."
-        )
-    heard = np.unique(ranges.anchor)
-    problem = _Meeting(ranges, heard, *window_rows(ranges.time, period, period))
-    bias = np.zeros(len(ranges.anchors))
-    fit = fit_windows(problem.rows(bias))
-    before = fit.noise
-    for _ in range(_ROUNDS):
-        fit = problem.settled(bias, fit)
-        A, g = problem.equations(fit, fit.weight)
-        step = np.linalg.lstsq(A.sum(axis=0), g.sum(axis=0), rcond=1e-9)[0]
-        bias[heard] += step
-        if np.abs(step).max() < _NEAR:
-            break
-    names = tuple(f"bias {ranges.names[k]}" for k in heard)
-    covariance, blocks = problem.covariance(fit, block)
-    limit = max(fit.noise, _LENGTH) if limit is None else limit
-    _refuse(names, np.sqrt(np.diag(covariance)), limit)
-    still = State(0.0, 0.0, np.eye(d), np.zeros(d), np.zeros(3), bias, np.zeros_like(bias))
-    return Calibration(
-        source="ranges",
-        names=names,
-        values=bias[heard],
-        covariance=covariance,
-        before=before,
-        after=fit.noise,
-        blocks=blocks,
-        state=still,
-        centre=np.zeros(d),
-        middle=float(ranges.time.mean()),
-    )
 
-
-@dataclass(frozen=True, eq=False)
-class _Meeting:
-    """Intervals of ranges that should meet in points, but for a bias of each anchor."""
-
-    ranges: Ranges
-    heard: NDArray[np.intp]
-    which: NDArray[np.intp]
-    first: NDArray[np.intp]
-
-    def rows(self, bias: Array) -> WindowRanges:
-        """Return the ranges of the intervals, free of a bias."""
-        return window_ranges(
-            self.ranges, self.which, self.first, bias, self.ranges.anchors.shape[1], None
-        )
-
-    def settled(self, bias: Array, fit: WindowFit) -> WindowFit:
-        """Return the positions with a bias, and with the motion that they tell."""
-        rows = self.rows(bias)
-        return fit_windows(rows._replace(place=rows.place - _moved(rows, fit)), near=fit)
-
-    def equations(self, fit: WindowFit, bend: Array) -> tuple[Array, Array]:
-        """Return information (windows, h, h) and gradients (windows, h) of the biases.
-
-        The positions are eliminated; an interval that tells none has no part. A range has the
-        second derivative `bend` of half its loss by its length.
-        """
-        rows, push = self.rows(np.zeros(len(self.ranges.anchors))), fit.weight * fit.miss
-        windows, count = len(rows.windows), len(self.ranges.anchors)
-        place = np.repeat(np.arange(windows), np.diff(np.append(rows.windows, len(rows.anchor))))
-        own, g = np.zeros((windows, count)), np.zeros((windows, count))
-        C = np.zeros((windows, count, rows.place.shape[1]))
-        np.add.at(own, (place, rows.anchor), bend)
-        np.add.at(g, (place, rows.anchor), push)
-        np.add.at(C, (place, rows.anchor), bend[:, None] * fit.direction)
-        H = by_window(rows, bend[:, None, None] * squares(fit.direction))
-        pull = by_window(rows, push[:, None] * fit.direction)
-        H[fit.bad], C[fit.bad], own[fit.bad], g[fit.bad] = np.eye(H.shape[1]), 0.0, 0.0, 0.0
-        through = C @ np.linalg.inv(H)
-        A = own[:, :, None] * np.eye(count) - through @ np.swapaxes(C, 1, 2)
-        g -= (through @ pull[:, :, None])[:, :, 0]
-        return A[:, self.heard][:, :, self.heard], g[:, self.heard]
-
-    def covariance(self, fit: WindowFit, block: float) -> tuple[Array, int]:
-        """Return the covariance of the biases by blocks of time, and how many blocks there are."""
-        starts = block_starts(self.ranges.time[self.which[self.first]], block)
-        if len(starts) < FEWEST:
+    def __init__(self, ranges: Ranges) -> None:
+        ranges = ranges.kept(np.isfinite(ranges.distance))
+        d, period = ranges.anchors.shape[1], enough_ranges(ranges) if len(ranges) else None
+        if period is None:
             raise InswsnError(
-                f"The bias by anchor cannot be told: positions come from {len(starts)} blocks of "
-                f"time, and {FEWEST} are needed."
+                f"The bias by anchor cannot be told without a reference: hardly an interval of "
+                f"{PERIODS[-1]:g} s has ranges to {d + 1} anchors, so none is redundant."
             )
-        equations = self.equations(fit, fit.weight**3)
-        information, gradient = (np.add.reduceat(x, starts, axis=0) for x in equations)
-        found, lost = jackknife(information, gradient)
-        values, vectors = np.linalg.eigh(information.sum(axis=0))
-        lost |= np.sum(vectors[:, values < _NULL * values[-1]] ** 2, axis=1) > 1e-3
-        found[lost, lost] = np.inf
-        return found, len(starts)
+        windows = window_ranges(ranges, period)
+        near = fit_windows(windows)
+        self._windows = windows._replace(place=windows.place - _moved(windows, near))
+        self._near, self._good = near, each_row(windows, ~near.bad)
+        time = each_row(windows, np.minimum.reduceat(windows.time, windows.windows))
+        ones = np.ones(len(time))
+        rows = Rows(time, windows.anchor, windows.distance, ones, ranges.anchors, ranges.names, d)
+        super().__init__(rows.part(self._good), ["bias"])
+        self.centre = np.zeros(d)
+        # residuals that are as large as if positions were known
+        taken = d * int((~near.bad).sum()) / max(1, len(self.rows.time))
+        self._size = 1 / np.sqrt(max(1 - taken, 1e-3))
+        self._last: tuple[Array, WindowFit] | None = None
+
+    def _fit(self, bias: Array) -> WindowFit:
+        if self._last is None or not np.array_equal(self._last[0], bias):
+            free = self._windows.distance - bias[self._windows.anchor]
+            found = fit_windows(self._windows._replace(distance=free), near=self._near)
+            self._last = (bias, found)
+        return self._last[1]
+
+    def residual(self, state: State) -> Array:
+        """Return what ranges have more than the distances from the points where they meet best."""
+        return np.asarray(self._size * self._fit(state.bias).miss[self._good])
+
+    def jacobian(self, state: State) -> Array:
+        """Return the derivatives of the residuals, (rows, anchors), as positions follow."""
+        rows, fit = self._windows, self._fit(state.bias)
+        own, bend = rows.anchor[:, None] == self.entries["bias"], fit.weight[:, None, None] ** 3
+        H = by_window(rows, bend * squares(fit.direction))
+        C = by_window(rows, bend * fit.direction[:, :, None] * own[:, None, :])
+        follows = each_row(rows, np.linalg.pinv(H, hermitian=True) @ C)
+        followed = np.einsum("nd,ndh->nh", fit.direction, follows)
+        return np.asarray(self._size * (followed - own)[self._good])
+
+    def why(self, state: State, kind: str, entries: NDArray[np.intp]) -> str:
+        """Return what there is too little of."""
+        return "the tag hears too few anchors, or too seldom, or hardly moves among them"
 
 
 def _moved(rows: WindowRanges, fit: WindowFit) -> Array:
@@ -150,15 +96,3 @@ def _moved(rows: WindowRanges, fit: WindowFit) -> Array:
         velocity[1:-1] = np.where(near[:, None], (fit.position[2:] - fit.position[:-2]) / lasted, 0)
     after = rows.time - each_row(rows, time)
     return np.asarray(each_row(rows, velocity) * after[:, None])
-
-
-def _refuse(names: tuple[str, ...], deviations: Array, limit: float) -> None:
-    wrong = ~(deviations <= limit)
-    if wrong.any():
-        worst = float(np.max(np.where(np.isfinite(deviations), deviations, np.inf)[wrong]))
-        many = f"its deviation would be {worst:.2g} m, above {limit:.2g} m"
-        why = many if np.isfinite(worst) else "other values of all of them fit as well"
-        raise InswsnError(
-            f"The ranges alone cannot tell {', '.join(np.array(names)[wrong])} ({why}): the tag "
-            "hears too few anchors, or too seldom, or hardly moves among them."
-        )

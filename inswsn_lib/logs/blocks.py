@@ -1,12 +1,18 @@
-"""The uncertainty of fits to errors correlated over time, by leaving out whole blocks."""
+"""Robust fits, and their uncertainty where errors are correlated within blocks of time."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Protocol, TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError
+
+State = TypeVar("State")
 
 #: Blocks below which a covariance says nothing
 FEWEST = 6
@@ -14,6 +20,69 @@ FEWEST = 6
 _ROUNDING = 1e-6  # of a block
 _MOST, _ALWAYS = 20.0, 2e4  # windows for each row, and those that are no matter
 _SINGULAR = 1e-10  # of eigenvalues of a scaled information
+_ROUNDS, _SAME = 6, 0.02  # of the scale of residuals, and what is no change of it
+_FLOOR = 1e-6  # of that scale
+_SETTLED, _REACH = 1e-10, 1e4  # of the loss, and how many sizes the first step may go
+_FAR = 0.1  # of a size: a way after which the scale is looked at again
+_TO_DEVIATION = 1.4826  # from the median of absolute values, of a normal distribution
+
+
+class _Problem(Protocol[State]):
+    """Residuals (n,) of a state, their derivatives (n, p), and a state that is a step (p,) off."""
+
+    def residual(self, state: State) -> Array: ...
+    def jacobian(self, state: State) -> Array: ...
+    def moved(self, state: State, by: Array) -> State: ...
+
+
+def deviation_of(miss: Array, unknowns: int = 0) -> float:
+    """Return the deviation of residuals, by the median of their absolute values."""
+    freedom = len(miss) / max(1, len(miss) - unknowns)
+    return float(_TO_DEVIATION * np.median(np.abs(miss)) * np.sqrt(freedom))
+
+
+def fit(
+    problem: _Problem[State], state: State, noise: float, sizes: Callable[[float], Array]
+) -> tuple[State, float]:
+    """Return the state near another with the least soft-l1 loss, and the residuals' deviation.
+
+    That deviation is the loss's scale; first it is `noise`, for which `sizes` says what counts as 1
+    in each unknown.
+    """
+    noise = max(noise, _FLOOR)
+    for _ in range(_ROUNDS):
+        size = sizes(noise)
+        way = _least(problem, state, noise, size)
+        state, moved = problem.moved(state, way * size), float(np.abs(way).max())
+        before, noise = noise, max(deviation_of(problem.residual(state), len(size)), _FLOOR)
+        if abs(noise / before - 1) < _SAME and moved < _FAR:
+            break
+    return state, noise
+
+
+def _least(problem: _Problem[State], state: State, noise: float, size: Array) -> Array:
+    """Return the way from a state to where the loss is least, in sizes of the unknowns."""
+
+    def residual(way: Array) -> Array:
+        return problem.residual(problem.moved(state, way * size))
+
+    def jacobian(way: Array) -> Array:
+        return problem.jacobian(problem.moved(state, way * size)) * size
+
+    found = least_squares(
+        residual, np.zeros(len(size)), jacobian, loss="soft_l1", f_scale=noise, x_scale=_REACH,
+        ftol=_SETTLED, xtol=_SETTLED**0.5, gtol=1e-15,
+    )  # fmt: skip
+    return np.asarray(found.x)
+
+
+def covariance(
+    problem: _Problem[State], state: State, noise: float, starts: NDArray[np.intp]
+) -> tuple[Array, Mask]:
+    """Return the covariance of a fit's unknowns by `jackknife`, and which nothing tells."""
+    miss = problem.residual(state)
+    weight = 1 / np.sqrt(1 + (miss / noise) ** 2)  # of soft-l1: its derivatives are w e and w^3
+    return jackknife(*block_sums(problem.jacobian(state), weight * miss, weight**3, starts))
 
 
 def spaced(begin: float, end: float, step: float, rows: int) -> Array:
@@ -52,7 +121,7 @@ def block_sums(
 
 
 def jackknife(information: Array, gradient: Array) -> tuple[Array, Mask]:
-    r"""Return the covariance (p, p) of an estimate, and which unknowns a single block tells.
+    r"""Return the covariance (p, p) of an estimate, and which unknowns nothing or one block tells.
 
     Errors of one block may hang together in any way; those of two are taken for independent, so
     blocks have to be longer than errors last. The estimate without block g differs by

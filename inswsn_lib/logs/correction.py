@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -30,22 +30,30 @@ from inswsn_lib.inertial import (
     run_error_state,
     smooth,
 )
-from inswsn_lib.logs import slope_velocity
-from inswsn_lib.logs.findings import Finding
-from inswsn_lib.logs.network_fixes import HELD, fixes_of, on_a_side, with_height
+from inswsn_lib.logs.findings import FALSE_ALARM, Finding
+from inswsn_lib.logs.network_fixes import (
+    HELD,
+    UP,
+    deviation_of,
+    fixes_of,
+    is_level,
+    named_plane,
+    network_of,
+    refusal,
+    roughness,
+    shares_of,
+    shortest,
+    with_height,
+)
 from inswsn_lib.logs.standstill import STEP, standstill_times
-from inswsn_lib.logs.window_fits import PERIODS
+from inswsn_lib.logs.window_fits import PERIODS, in_a_plane
 from inswsn_lib.streams import Fixes, Ranges, Recording, Whole
 
-#: What the errors of fixes upwards are taken for, times those to the side
-UP = np.array([1.0, 1.0, 2.0])
 #: Of the random walks of the IMU's biases, which no short recording tells
 WALKS = (1e-3, 1e-4)
 #: Ranges that lie four deviations from what is expected are left out
 GATE = 16.0
 _LASTING = 3.0  # s, of the coloured errors of fixes at the begin of the search
-_OF_SECOND_DIFFERENCES = 1.4826 / np.sqrt(6)  # from their median size to a deviation
-_LEAST, _LEAST_SHARE = 1e-3, 0.1  # m, of a deviation, and of one over the median
 # Of an alignment: s before the first fix, and shares of all at which it ends, first and at last
 _BEFORE, _SHORTER, _LONGEST = 0.1, 0.25, 0.4
 # Of the odometry: the bias of each anchor's ranges is a number, their common scale is not
@@ -68,6 +76,9 @@ _RUNNER, _QUANTILE, _SLIP_STEP, _SLIP = 6.0, 0.8, 0.2, 0.3
 # m/s, the deviation of a velocity that is zero, and the least share of the time that it must be
 _STANDS, _STANDING = 0.02, 0.03
 _WHEEL, _MOVING = 0.1, 0.5  # m/s: of a speed by wheels, and of what tells where forward is
+
+#: Takes numbers, and which fixes are withheld
+Observing = Callable[[Sequence[float], Mask | None], list[Observation]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,18 +160,12 @@ class Correction(ABC):
 
     @abstractmethod
     def motion(self, first: float, second: float) -> Any:
-        """Return the motion with the first two numbers of a filter.
-
-        Parameters
-        ----------
-        first, second : float
-            Of `ImuNoise`, or of `OdometryNoise`.
-        """
+        """Return the motion with the first two numbers of a filter, the noises of its sensors."""
 
     def run(
         self, observed: Sequence[Observation], first: float, second: float,
         start: Start | None = None, *, end: float = np.inf, kept: bool = True,
-        gate: float | None = None, more: Sequence[Observation] = (),
+        gate: float | None = None,
     ) -> Solution:  # fmt: skip
         """Run a filter on observations of one's own, with an event at the time of each fix.
 
@@ -173,17 +178,13 @@ class Correction(ABC):
             By default that of the recording.
         end, kept, gate
             As in `run_error_state`.
-        more : sequence of Observation
-            That come after those of a filter.
         """
-        nothing = np.full((len(self.fixes), len(self.lever_arm)), np.nan)
-        silent = PositionFixes(
-            Fixes(self.fixes.time, nothing), self.lever_arm, np.ones(len(self.lever_arm))
-        )
+        d = len(self.lever_arm)
+        nothing = Fixes(self.fixes.time, np.full((len(self.fixes), d), np.nan))
+        silent = PositionFixes(nothing, self.lever_arm, np.ones(d))
         return run_error_state(
             self.motion(first, second), self.start if start is None else start,
-            [*observed, *more, silent], end=end, kept=kept,
-            gate=self.gate if gate is None else gate,
+            [*observed, silent], end=end, kept=kept, gate=self.gate if gate is None else gate,
         )  # fmt: skip
 
     @property
@@ -191,20 +192,44 @@ class Correction(ABC):
         """The middle of the time of fixes, s."""
         return float(np.mean(self.fixes.time[[0, -1]]))
 
-    def _left(self, gone: Mask | None) -> tuple[Fixes, Ranges | None]:
-        """Return fixes and ranges without those of some fixes."""
-        fixes, ranges = self.fixes, self.recording.ranges
+    @property
+    def _first_and_last(self) -> tuple[float, float]:
+        """The times of the first fix that is there, and of the last, s."""
+        there = np.isfinite(self.fixes.position).all(axis=1)
+        return float(self.fixes.time[there][0]), float(self.fixes.time[-1])
+
+    def _rung(
+        self, observed: Observing, begin: tuple[float, ...], series: list[tuple[Array, Whole]],
+        lasting: int | None = None, gate: float | None = None,
+    ) -> Rung:  # fmt: skip
+        """Return a filter whose numbers after those of the motion are of what is observed."""
+
+        def run(*numbers: float, gone: Mask | None = None, **how: Any) -> Solution:
+            first, second, *others = numbers
+            return self.run(observed(others, gone), first, second, gate=gate, **how)
+
+        return Rung(run, begin, series, lasting)
+
+    def _fixes_left(self, gone: Mask | None) -> Fixes:
+        """Return the fixes without those that are withheld."""
         if gone is None:
-            return fixes, ranges
-        if ranges is not None:
-            # the stamp of a fix is between those of its ranges
-            middles = (fixes.time[1:] + fixes.time[:-1]) / 2
-            ranges = ranges.kept(~gone[np.searchsorted(middles, ranges.time)])
-        position = np.where(gone[:, None], np.nan, fixes.position)
-        velocity = fixes.velocity
-        if velocity is not None:
-            velocity = np.where(gone[:, None], np.nan, velocity)
-        return replace(fixes, position=position, velocity=velocity), ranges
+            return self.fixes
+        position, velocity = self.fixes.position, self.fixes.velocity
+        assert velocity is not None
+        return replace(
+            self.fixes, position=np.where(gone[:, None], np.nan, position),
+            velocity=np.where(gone[:, None], np.nan, velocity),
+        )  # fmt: skip
+
+    def _ranges_left(self, gone: Mask | None) -> Ranges:
+        """Return the ranges without those of fixes that are withheld."""
+        ranges = self.recording.ranges
+        assert ranges is not None
+        if gone is None:
+            return ranges
+        # the stamp of a fix is between those of its ranges
+        middles = (self.fixes.time[1:] + self.fixes.time[:-1]) / 2
+        return ranges.kept(~gone[np.searchsorted(middles, ranges.time)])
 
 
 class InertialCorrection(Correction):
@@ -213,9 +238,9 @@ class InertialCorrection(Correction):
     Numbers of all its filters are first those of `ImuNoise`, force and rate. On fixes they go on
     with the deviation of the white errors of fixes to the side, m, and that of their velocities,
     m/s, if these were measured; then, if errors of fixes last, their deviation, m, and correlation
-    time, s. Where fixes say how good each is, their errors go with that. On ranges: the deviation
-    of white errors, that of coloured ones, m, the correlation time of these, s, and the deviation
-    of a bias of each anchor, m.
+    time, s; then that of wheels, which slip to no side, m/s. Where fixes say how good each is,
+    their errors go with that. On ranges: the deviation of white errors, that of coloured ones, m,
+    the correlation time of these, s, and the deviation of a bias of each anchor, m.
     """
 
     stated = 4
@@ -225,27 +250,36 @@ class InertialCorrection(Correction):
     def rungs(self) -> dict[str, Rung]:
         """The filters by name."""
         velocity, size = self.fixes.velocity, deviation_of(self.fixes)
-        speeds = [_size(velocity[:, :2])] if velocity is not None and self._measured else []
-        series = [_series(self.fixes.time, self._measured_part(self.fixes).position)]
-        if velocity is not None and self._measured:
+        assert velocity is not None
+        series, speeds = [_series(self.fixes.time, self._measured_part(self.fixes).position)], []
+        if self._measured:
+            speeds = [roughness(velocity[:, :2])]
             series.append(_series(self.fixes.time, velocity, first=3))
         white = (0.02, 0.002, size, *speeds)
         coloured = (0.02, 0.002, size / 2, *speeds, size, _LASTING)
+        lasting = len(coloured) - 1
         found = {
-            WHITE: Rung(self._loose, white, series),
-            COLOURED: Rung(self._loose, coloured, series, len(coloured) - 1),
+            WHITE: self._rung(self._observed, white, series),
+            COLOURED: self._rung(self._observed, coloured, series, lasting),
         }
+        name, observed = COLOURED, self._observed
         if (heard := self.recording.ranges) is not None:
             begin = (0.02, 0.001, size / 2, size / 2, 1.0, size / 4)
-            found[TIGHT] = Rung(self._tight, begin, [(heard.time, heard.anchor)], 4)
+            times = [(heard.time, heard.anchor)]
+            found[TIGHT] = self._rung(self._observed_ranges, begin, times, 4, GATE)
         elif self.recording.odometry is not None:
-            found[WHEELS] = Rung(self._wheels, (*coloured, _WHEEL), series, len(coloured) - 1)
-        elif velocity is not None and _is_vehicle(velocity[self.fixes.time <= self.middle]):
-            found[LATERAL] = Rung(self._lateral, (*coloured, _SLIP), series, len(coloured) - 1)
+            name, observed, coloured = WHEELS, self._observed_wheels, (*coloured, _WHEEL)
+        elif _is_vehicle(velocity[self.fixes.time <= self.middle]):
+            name, observed, coloured = LATERAL, self._observed_wheels, (*coloured, _SLIP)
+        found[name] = self._rung(observed, coloured, series, lasting)
+
+        def still(numbers: Sequence[float], gone: Mask | None) -> list[Observation]:
+            time = self._standstills(self._fixes_left(gone))
+            zero = Velocities(time, np.zeros((len(time), 3)), np.full(3, _STANDS))
+            return [*observed(numbers, gone), *([zero] if len(time) else [])]
+
         if len(self._standstills(self.fixes)) * STEP > _STANDING * np.ptp(self.fixes.time):
-            name = list(found)[-1] if heard is None else COLOURED
-            run = partial(self._standing, found[name].run)
-            found[name + STANDSTILL] = replace(found[name], run=run)
+            found[name + STANDSTILL] = self._rung(still, coloured, series, lasting)
         return found
 
     def _standstills(self, fixes: Fixes) -> Array:
@@ -260,7 +294,8 @@ class InertialCorrection(Correction):
         Forward is where it goes, by a filter on the first half of the fixes; up is near the mean
         vertical.
         """
-        solution = smooth(self._loose(*self.rungs[COLOURED].begin, end=self.middle))
+        coloured = self.rungs[COLOURED]
+        solution = smooth(coloured.run(*coloured.begin, end=self.middle))
         R = np.array([state.attitude for state in solution.states])
         fast = _RUNNER if self.recording.odometry is None else _MOVING
         moving = np.linalg.norm(solution.velocity, axis=1) > fast
@@ -286,7 +321,7 @@ class InertialCorrection(Correction):
     def start(self) -> Start:
         """Where the filters start, by an alignment."""
         force, rate, *sizes = self.rungs[WHITE].begin
-        first, last = _first_fix(self.fixes), float(self.fixes.time[-1])
+        first, last = self._first_and_last
         begin = first - _BEFORE if self.given is None else self.given.time
         end = max(begin, first) + min(self.alignment, _SHORTER * (last - first))
         return align(
@@ -295,62 +330,12 @@ class InertialCorrection(Correction):
         )  # fmt: skip
 
     def motion(self, first: float, second: float) -> InertialMotion:
-        """Return the integration of the IMU with these noises of `ImuNoise`.
-
-        Parameters
-        ----------
-        first, second : float
-            Of force and rate.
-        """
+        """Return the integration of the IMU with noises of force and rate as of `ImuNoise`."""
         return InertialMotion.of(self.recording, ImuNoise(first, second, *WALKS))
-
-    def _loose(
-        self, force: float, rate: float, *sizes: float, gone: Mask | None = None, **how: Any
-    ) -> Solution:
-        return self.run(self._observed(sizes, gone), force, rate, **how)
-
-    def _lateral(
-        self, force: float, rate: float, *numbers: float, gone: Mask | None = None, **how: Any
-    ) -> Solution:
-        """Run with the constraint that a vehicle slips to no side, and stays on the ground."""
-        *sizes, slip = numbers
-        first, last = self.fixes.time[[0, -1]]
-        time = np.arange(float(first), float(last), _SLIP_STEP)
-        unknown = np.full(len(time), np.nan)
-        wheels = WheelSpeeds(time, unknown, self.axes, np.array([1.0, slip, slip]))
-        return self.run([*self._observed(sizes, gone), wheels], force, rate, **how)
-
-    def _wheels(
-        self, force: float, rate: float, *numbers: float, gone: Mask | None = None, **how: Any
-    ) -> Solution:
-        """Run with the speeds of wheels, which slip to no side; a speed is the mean of its step."""
-        *sizes, white = numbers
-        odometry = self.recording.odometry
-        assert odometry is not None
-        middles = (odometry.time[1:] + odometry.time[:-1]) / 2
-        wheels = WheelSpeeds(middles, odometry.speed[1:], self.axes, np.full(3, white))
-        return self.run([*self._observed(sizes, gone), wheels], force, rate, **how)
-
-    def _standing(
-        self, run: Callable[..., Solution], *numbers: float, gone: Mask | None = None, **how: Any
-    ) -> Solution:
-        """Run a filter with zero velocities where fixes that are not withheld let it stand."""
-        time = self._standstills(self._left(gone)[0])
-        zero = Velocities(time, np.zeros((len(time), 3)), np.full(3, _STANDS))
-        return run(*numbers, gone=gone, more=[zero] if len(time) else [], **how)
-
-    def _tight(
-        self, force: float, rate: float, white: float, coloured: float, time: float, bias: float,
-        gone: Mask | None = None, **how: Any,
-    ) -> Solution:  # fmt: skip
-        _, heard = self._left(gone)
-        assert heard is not None
-        ranges = RangesToAnchors(heard, self.lever_arm, white, bias, coloured, time)
-        return self.run([ranges], force, rate, gate=GATE, **how)
 
     def _observed(self, numbers: Sequence[float], gone: Mask | None = None) -> list[Observation]:
         (white, *others), measured = numbers, self._measured
-        fixes, shares = self._left(gone)[0], shares_of(self.fixes)
+        fixes, shares = self._fixes_left(gone), shares_of(self.fixes)
         colours = _colour(others[measured:], np.nanmedian(shares, axis=0))
         observed: list[Observation] = [
             PositionFixes(self._measured_part(fixes), self.lever_arm, white * shares, *colours)
@@ -364,6 +349,27 @@ class InertialCorrection(Correction):
             heights = replace(fixes, position=fixes.position * [np.nan, np.nan, 1.0])
             observed.append(PositionFixes(heights, self.lever_arm, np.full(3, HELD)))
         return observed
+
+    def _observed_wheels(
+        self, numbers: Sequence[float], gone: Mask | None = None
+    ) -> list[Observation]:
+        """Observe that a vehicle slips to no side, and by odometry how fast it goes."""
+        *sizes, white = numbers
+        odometry = self.recording.odometry
+        if odometry is None:
+            time = np.arange(self.fixes.time[0], self.fixes.time[-1], _SLIP_STEP)
+            speed = np.full(len(time), np.nan)
+        else:  # a speed is the mean of its step
+            time, speed = (odometry.time[1:] + odometry.time[:-1]) / 2, odometry.speed[1:]
+        wheels = WheelSpeeds(time, speed, self.axes, np.full(3, white))
+        return [*self._observed(sizes, gone), wheels]
+
+    def _observed_ranges(
+        self, numbers: Sequence[float], gone: Mask | None = None
+    ) -> list[Observation]:
+        white, coloured, time, bias = numbers
+        heard = self._ranges_left(gone)
+        return [RangesToAnchors(heard, self.lever_arm, white, bias, coloured, time)]
 
     def _measured_part(self, fixes: Fixes) -> Fixes:
         """Return fixes without heights that are held."""
@@ -393,13 +399,12 @@ class OdometryCorrection(Correction):
         series = [_series(self.fixes.time, self.fixes.position[:, :2])]
         coloured = (*motion, size / 2, size, _LASTING)
         found = {
-            WHITE: Rung(self._loose, (*motion, size), series),
-            COLOURED: Rung(self._loose, coloured, series, len(coloured) - 1),
+            WHITE: self._rung(self._observed, (*motion, size), series),
+            COLOURED: self._rung(self._observed, coloured, series, len(coloured) - 1),
         }
         if (heard := self.recording.ranges) is not None:
-            found[PLANAR_TIGHT] = Rung(
-                self._tight, (*motion, 0.2, 0.2), [(heard.time, heard.anchor)]
-            )
+            times = [(heard.time, heard.anchor)]
+            found[PLANAR_TIGHT] = self._rung(self._observed_ranges, (*motion, 0.2, 0.2), times)
         return found
 
     @cached_property
@@ -407,12 +412,12 @@ class OdometryCorrection(Correction):
         """The given one, or where an alignment by a bank of headings ends."""
         if self.given is not None:
             return self.given
-        first, last = _first_fix(self.fixes), float(self.fixes.time[-1])
+        first, last = self._first_and_last
         place = self.fixes.position[self.fixes.time == first][0, :2]
         far = 3 * deviation_of(self.fixes) + float(np.linalg.norm(self.lever_arm))
         tight = self.recording.ranges is not None
         speed, rate, *sizes = self.rungs[PLANAR_TIGHT if tight else WHITE].begin
-        observed = [self._ranges(sizes) if tight else self._fixes(sizes)]
+        observed = (self._observed_ranges if tight else self._observed)(sizes)
         begin, window = first - 1e-3, min(self.alignment, _SHORTER * (last - first))
         while True:
             try:
@@ -426,37 +431,22 @@ class OdometryCorrection(Correction):
                     raise
 
     def motion(self, first: float, second: float) -> OdometryMotion:
-        """Return the integration of the odometry with these noises of `OdometryNoise`.
-
-        Parameters
-        ----------
-        first, second : float
-            Of speed and rate.
-        """
+        """Return the integration of odometry with noises of speed and rate (`OdometryNoise`)."""
         assert self.recording.odometry is not None
         noise = OdometryNoise(first, second, *_ODOMETRY_WALKS)
         return OdometryMotion(self.recording.odometry, noise)
 
-    def _loose(
-        self, speed: float, rate: float, *sizes: float, gone: Mask | None = None, **how: Any
-    ) -> Solution:
-        return self.run([self._fixes(sizes, gone)], speed, rate, **how)
-
-    def _tight(
-        self, speed: float, rate: float, *sizes: float, gone: Mask | None = None, **how: Any
-    ) -> Solution:
-        return self.run([self._ranges(sizes, gone)], speed, rate, **how)
-
-    def _fixes(self, numbers: Sequence[float], gone: Mask | None = None) -> PositionFixes:
-        (white, *others), fixes = numbers, self._left(gone)[0]
+    def _observed(self, numbers: Sequence[float], gone: Mask | None = None) -> list[Observation]:
+        (white, *others), fixes = numbers, self._fixes_left(gone)
         planar = Fixes(fixes.time, fixes.position[:, :2])
         sizes = white * shares_of(self.fixes)[:, :2]
-        return PositionFixes(planar, self.lever_arm, sizes, *_colour(others, np.ones(2)))
+        return [PositionFixes(planar, self.lever_arm, sizes, *_colour(others, np.ones(2)))]
 
-    def _ranges(self, numbers: Sequence[float], gone: Mask | None = None) -> RangesToAnchors:
-        (white, bias), (_, ranges) = numbers, self._left(gone)
-        assert ranges is not None
-        return RangesToAnchors(ranges, self.lever_arm, white, bias=bias, scale=_SCALE)
+    def _observed_ranges(
+        self, numbers: Sequence[float], gone: Mask | None = None
+    ) -> list[Observation]:
+        (white, bias), heard = numbers, self._ranges_left(gone)
+        return [RangesToAnchors(heard, self.lever_arm, white, bias=bias, scale=_SCALE)]
 
 
 def correction_of(
@@ -487,38 +477,74 @@ def correction_of(
             f"The recording {recording.name} has neither an IMU nor odometry: there is nothing to "
             "correct fixes with."
         )
-    whole = recording
     recording = recording.part(float(motion.time[0]), float(np.nextafter(motion.time[-1], np.inf)))
-    if planar:
-        ranges = recording.ranges
-        if ranges is not None and ranges.anchors.shape[1] > 2:
-            raise InswsnError(
-                f"The recording {whole.name} has odometry, which moves on a plane, and anchors in "
-                "three dimensions: leave out z_m, and have ranges along the plane."
-            )
+    ranges = recording.ranges
+    if planar and ranges is not None and ranges.anchors.shape[1] > 2:
+        raise InswsnError(
+            f"The recording {recording.name} has odometry, which moves on a plane, and anchors in "
+            "three dimensions: leave out z_m, and have ranges along the plane."
+        )
 
     def build(fixes: Fixes) -> Correction:
-        fixes = slope_velocity(fixes) if fixes.velocity is None else fixes
         if planar:
             return OdometryCorrection(recording, fixes, alignment, start)
         if fixes.position.shape[1] > 2:
             return InertialCorrection(recording, fixes, alignment, start)
         fixes, assumed = with_height(fixes, recording.height or 0.0)
-        return InertialCorrection(recording, fixes, alignment, start, True, assumed)
+        return InertialCorrection(recording, fixes, alignment, start, True, [assumed])
 
-    ranges = recording.ranges
+    periods = PERIODS if period is None else (period,)
     if ranges is None or not len(ranges) or recording.height is not None:
-        return build(network_of(recording, period))
-    return on_a_side(ranges, _periods(period), build, _likelihood)
+        return build(network_of(recording, periods))
+    return _on_a_side(ranges, periods, build)
+
+
+def _on_a_side(
+    ranges: Ranges, periods: Sequence[float], build: Callable[[Fixes], Correction]
+) -> Correction:
+    """Return the filters on that side of the anchors' plane which fits the motion."""
+    normal = in_a_plane(ranges)
+    if normal is None:
+        return build(fixes_of(ranges, periods))
+    if (fixes := shortest(ranges, periods)) is not None:
+        return build(fixes)
+    found: dict[float, tuple[Correction, float, float]] = {}
+    said = ""
+    for side in (-1.0, 1.0):
+        try:
+            filters = build(fixes_of(ranges, periods, side=side))
+            white, begun = filters.rungs[WHITE], filters.start.time
+            likely = white.run(*white.begin, end=filters.middle, kept=False).log_likelihood
+            found[side] = filters, begun, likely
+        except InswsnError as error:
+            said = said or str(error)
+    if not found:
+        raise InswsnError(f"The anchors lie in a plane, and on neither side of it: {said}")
+    if len(found) == 1:
+        gain = np.inf if -1.0 in found else -np.inf
+    else:
+        (_, start, below), (_, other, above) = found.values()
+        # one that starts later could not be trusted before
+        gain = below - above if start == other else np.inf * (other - start)
+    bound = float(-np.log(FALSE_ALARM))
+    level, told = is_level(normal), abs(gain) >= bound
+    if not told and not level:
+        raise refusal(ranges, normal)
+    side = 1.0 if gain <= -bound else -1.0
+    where = ("below" if side < 0 else "above") if level else "on the side that fits the motion"
+    plane = named_plane(ranges, normal)
+    says = f"the anchors lie in a plane, {plane}; the tag is taken to be {where}"
+    if not told:
+        says += ", which the motion does not tell and matters to heights alone"
+    chosen, *_ = found[side]
+    chosen.assumed.append(
+        Finding("side", "anchors", float(-side * gain), bound, np.inf, told or None, says)
+    )
+    return chosen
 
 
 def is_planar(recording: Recording) -> bool:
-    """Tell whether the filters are of odometry on a plane, and not of an IMU in space.
-
-    Parameters
-    ----------
-    recording : Recording
-    """
+    """Tell whether the filters are of odometry on a plane, and not of an IMU in space."""
     if recording.odometry is None or recording.imu is None:
         return recording.odometry is not None
     if recording.ranges is not None and len(recording.ranges):
@@ -526,21 +552,11 @@ def is_planar(recording: Recording) -> bool:
     return recording.fixes is None or bool(recording.fixes.position.shape[1] == 2)
 
 
-def _likelihood(filters: Correction) -> tuple[float, float]:
-    """Return when filters start, s, and the logarithm of a likelihood over the first half."""
-    run, begin = filters.rungs[WHITE].run, filters.rungs[WHITE].begin
-    return filters.start.time, run(*begin, end=filters.middle, kept=False).log_likelihood
-
-
 def turned_by_gyroscope(recording: Recording) -> Recording | None:
     """Return a recording whose odometry turns as its IMU does about the vertical, if it has both.
 
     Up is the mean specific force: the vehicle goes on a plane, and comes to rest as fast as it
     began to move.
-
-    Parameters
-    ----------
-    recording : Recording
     """
     odometry, imu = recording.odometry, recording.imu
     if odometry is None or imu is None or len(imu) < 2:
@@ -554,75 +570,6 @@ def turned_by_gyroscope(recording: Recording) -> Recording | None:
     means = np.diff(np.interp(odometry.time, imu.time, turned)) / (ends - begins)
     mean = np.append(odometry.rate[0], np.where(inside, means, odometry.rate[1:]))
     return replace(recording, odometry=replace(odometry, rate=mean), imu=None)
-
-
-def network_of(recording: Recording, period: float | None = None) -> Fixes:
-    """Return what the network alone says: fixes as they are, or of ranges, with velocities.
-
-    Parameters
-    ----------
-    recording : Recording
-    period : float, optional
-        Of fixes by ranges, s; by default the shortest of some in which most have one.
-
-    Raises
-    ------
-    InswsnError
-        If there is no network, or too few ranges at a time.
-    """
-    if recording.ranges is not None and len(recording.ranges):
-        return slope_velocity(fixes_of(recording.ranges, _periods(period), recording.height))
-    fixes = recording.fixes
-    if fixes is None or not np.isfinite(fixes.position).all(axis=1).any():
-        raise InswsnError(
-            f"The recording {recording.name} has neither ranges nor fixes while it moves: there is "
-            "nothing to correct by."
-        )
-    return slope_velocity(fixes) if fixes.velocity is None else fixes
-
-
-def _periods(period: float | None) -> tuple[float, ...]:
-    return PERIODS if period is None else (period,)
-
-
-def _first_fix(fixes: Fixes) -> float:
-    """Return when the first fix was, s."""
-    return float(fixes.time[np.isfinite(fixes.position).all(axis=1)][0])
-
-
-def deviation_of(fixes: Fixes) -> float:
-    """Return about how large the errors of fixes are, m.
-
-    What they say of themselves, or else what their second differences are if they move steadily.
-    """
-    if fixes.deviation is not None and np.isfinite(fixes.deviation).any():
-        return max(float(np.nanmedian(fixes.deviation[:, :2])), _LEAST)
-    return _size(fixes.position[:, :2])
-
-
-def _size(values: Array) -> float:
-    """Return about how large errors of values (rows, 2) are, by their second differences."""
-    second = np.diff(values[np.isfinite(values).all(axis=1)], 2, axis=0)
-    if not len(second):
-        return 1.0
-    return max(float(_OF_SECOND_DIFFERENCES * np.median(np.abs(second))), _LEAST)
-
-
-def shares_of(fixes: Fixes) -> Array:
-    """Return deviations of fixes by axis over the median one to the side, (rows, 3).
-
-    Those that a fix does not say are as in the median, and twice as large upwards.
-
-    Parameters
-    ----------
-    fixes : Fixes
-    """
-    found = np.tile(UP, (len(fixes), 1))
-    if fixes.deviation is not None and np.isfinite(fixes.deviation).any():
-        said = fixes.deviation / deviation_of(fixes)
-        part = found[:, : said.shape[1]]
-        part[:] = np.where(np.isfinite(said), np.maximum(said, _LEAST_SHARE), part)
-    return found
 
 
 def _series(time: Array, values: Array, first: int = 0) -> tuple[Array, Whole]:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from inswsn_lib.checks import Array
 from inswsn_lib.filters import deadbeat_gain, gating, huber, run_hinfinity, run_kalman, run_robust
-from inswsn_lib.filters.robust import Policy
 from inswsn_lib.lmi import InfeasibleDesignError, design_filter
 from inswsn_lib.logs.estimates import Estimate
 from inswsn_lib.models import ErrorModel
@@ -45,17 +43,21 @@ class DifferenceFilters:
     network: Array
     period: float
 
-    def run(self, name: str, *numbers: float) -> Estimate:
+    def run(self, name: str, acceleration: float, ratio: float, own: float = 0.0) -> Estimate:
         """Return what a filter of `FAMILIES` with its numbers says."""
-        acceleration, ratio, *own = numbers
-        model = difference_model(self.period, acceleration, ratio)
-        runs: dict[str, Callable[[], Array]] = {
-            "KF": lambda: run_kalman(model, self._y, initial_covariance=_UNKNOWN),
-            "HF": lambda: self._hinfinity(model, own[0]),
-            "KF, Huber update": lambda: self._robust(model, huber(own[0])),
-            "KF, gating": lambda: self._robust(model, gating(1 - min(own[0], 0.5))),
-        }
-        return self._corrected(runs[name]())
+        model, y = difference_model(self.period, acceleration, ratio), self.ins - self.network
+        if name == "HF":
+            try:
+                design = design_filter(model, "exact", margin=own)
+            except InfeasibleDesignError:
+                return Estimate(np.full_like(y, -np.inf))
+            return self._hinfinity(design.model, design.gain, predicted=False)
+        if name == "KF":
+            found = run_kalman(model, y, initial_covariance=_UNKNOWN)
+        else:
+            policy = huber(own) if name == "KF, Huber update" else gating(1 - min(own, 0.5))
+            found = run_robust(model, y, policy=policy, initial_covariance=_UNKNOWN)
+        return Estimate(self.ins - found)
 
     @property
     def published(self) -> Estimate:
@@ -64,47 +66,24 @@ class DifferenceFilters:
         After the measurement of a step it is the network itself.
         """
         model = difference_model(self.period, 1.0, 1.0)
-        return self._corrected(self._run(model, deadbeat_gain(model), predicted=True))
+        return self._hinfinity(model, deadbeat_gain(model), predicted=True)
 
-    @property
-    def _y(self) -> Array:
-        return self.ins - self.network
-
-    def _corrected(self, error: Array) -> Estimate:
-        return Estimate(self.ins - error)
-
-    def _hinfinity(self, model: ErrorModel, margin: float) -> Array:
-        try:
-            design = design_filter(model, "exact", margin=margin)
-        except InfeasibleDesignError:
-            return np.full_like(self._y, np.inf)
-        return self._run(design.model, design.gain, predicted=False)
-
-    def _run(self, model: ErrorModel, gain: Array, *, predicted: bool) -> Array:
+    def _hinfinity(self, model: ErrorModel, gain: Array, *, predicted: bool) -> Estimate:
         """Run an H-infinity filter from the first measurement on."""
-        y = self._y
+        y = self.ins - self.network
         first = int(np.flatnonzero(np.isfinite(y[:, 0]))[0])
         found = np.full_like(y, np.nan)
         found[first:] = run_hinfinity(
             (model, gain), y[first:], initial_state=y[first], predicted=predicted
         )
-        return found
-
-    def _robust(self, model: ErrorModel, policy: Policy) -> Array:
-        return run_robust(model, self._y, policy=policy, initial_covariance=_UNKNOWN)
+        return Estimate(self.ins - found)
 
 
 def difference_model(period: float, acceleration: float, ratio: float) -> ErrorModel:
     """Return P1's model with fixes of 0.1 m; gains depend on ratios alone.
 
-    Parameters
-    ----------
-    period : float
-        s.
-    acceleration : float
-        Standard deviation of the acceleration that the INS misses, m/s^2.
-    ratio : float
-        Of the deviation of velocities, m/s, to 0.1.
+    The INS misses an acceleration of this deviation, m/s^2; that of velocities is `ratio` times
+    0.1 m/s.
     """
     noise = (acceleration * period**2 / 2, acceleration * period)
     return ErrorModel.p1(period, process_noise=noise, measurement_noise=(0.1, 0.1 * ratio))

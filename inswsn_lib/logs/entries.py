@@ -24,9 +24,9 @@ answers when it is asked where the tag is.
 
 from __future__ import annotations
 
-import importlib.util
+import runpy
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import repeat
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -158,27 +158,38 @@ def judge(entry: Any, recording: Recording | Ladder, *, seed: int | None = None)
     """
     name, made = _entry(entry)
     ladder = recording if isinstance(recording, Ladder) else Ladder(recording)
-    judged = ladder.judged
+    judged, first = ladder.judged, ladder.usable & (ladder.fixes.time <= ladder.split)
     task, events = _events(ladder)
-    first = [event for event in events if event.time <= ladder.split]
-    rows = ladder.usable & (ladder.fixes.time <= ladder.split)
-    begin = _numbers(made)
-    numbers: dict[str, float] = {}
+    begin, numbers = _numbers(made), dict[str, float]()
+
+    def answers(events: Sequence[Event], numbers: Mapping[str, float]) -> Estimate:
+        return _answers(name, made(replace(task, numbers=numbers)), events, len(ladder.fixes))
+
     if begin:
-        before = _answers(name, made, task, first, begin, len(ladder.fixes))
-        _refuse_silent(name, ladder, before, rows)
+        early = [event for event in events if event.time <= ladder.split]
+        _refuse_silent(name, ladder, answers(early, begin), first)
 
         def likely(*values: float) -> float:
-            mine = dict(zip(begin, values, strict=True))
-            state = _answers(name, made, task, first, mine, len(ladder.fixes)).state[rows, :2]
-            squares = np.square(state - ladder.truth[rows, :2]).sum(axis=1)
+            state = answers(early, dict(zip(begin, values, strict=True))).state[first, :2]
+            squares = np.square(state - ladder.truth[first, :2]).sum(axis=1)
             return -len(squares) * float(np.log(squares.mean()))
 
         search = most_likely(name, [*begin.values()], likely)
         numbers = dict(zip(begin, search.best, strict=True))
-    found = _answers(name, made, task, events, numbers, len(ladder.fixes))
+    found = answers(events, numbers)
     _refuse_silent(name, ladder, found, judged)
-    _refuse_acausal(name, made, task, events, numbers, found, np.random.default_rng(seed))
+    # an entry whose answers change if later data are left out is refused
+    asked = [k for k, event in enumerate(events) if event.kind == "ask"]
+    last = int(np.random.default_rng(seed).integers(len(asked) // 4, 3 * len(asked) // 4))
+    again = answers(events[: asked[last] + 1], numbers)
+    same = (again.state == found.state) | (np.isnan(again.state) & np.isnan(found.state))
+    wrong = ~same[: last + 1].all(axis=1)
+    if wrong.any():
+        at = ladder.fixes.time[np.argmax(wrong)]
+        raise InswsnError(
+            f"{name} is not causal: data after {ladder.fixes.time[last]:.6g} s change its answer "
+            f"at {at:.6g} s."
+        )
     return ladder.table({name: found})
 
 
@@ -190,13 +201,8 @@ def _entry(entry: Any) -> tuple[str, Callable[[Task], Any]]:
         raise ParameterError("entry", entry, "path/to/file.py:Class")
     if not Path(path).is_file():
         raise ParameterError("entry", entry, "in a file that exists")
-    spec = importlib.util.spec_from_file_location(f"entry_{Path(path).stem}", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
     try:
-        spec.loader.exec_module(module)
-        made = getattr(module, name)
+        made = runpy.run_path(path, run_name=f"entry_{Path(path).stem}")[name]
     except Exception as error:
         raise InswsnError(f"{path} does not give {name}: {type(error).__name__}: {error}") from None
     if not callable(made):
@@ -236,12 +242,8 @@ def _events(ladder: Ladder) -> tuple[Task, list[Event]]:
     return Task(kinds, ladder.step, anchors, recording.lever_arm), events
 
 
-def _answers(
-    name: str, made: Callable[[Task], Any], task: Task, events: Sequence[Event],
-    numbers: Mapping[str, float], count: int,
-) -> Estimate:  # fmt: skip
+def _answers(name: str, mine: Any, events: Sequence[Event], count: int) -> Estimate:
     """Return what an entry says at each question, NaN where nothing."""
-    mine = made(Task(**vars(task) | {"numbers": numbers}))
     state, P = np.full((count, 4), np.nan), np.full((count, 4, 4), np.nan)
     sizes, k = set(), 0
     for event in events:
@@ -272,21 +274,3 @@ def _refuse_silent(name: str, ladder: Ladder, found: Estimate, rows: Mask) -> No
     if silent.any():
         after = ladder.fixes.time[silent][0] - ladder.fixes.time[0]
         raise InswsnError(f"{name} gives no answer {after:.6g} s after the first fix.")
-
-
-def _refuse_acausal(
-    name: str, made: Callable[[Task], Any], task: Task, events: Sequence[Event],
-    numbers: Mapping[str, float], found: Estimate, rng: np.random.Generator,
-) -> None:  # fmt: skip
-    """Refuse an entry whose answers change if later data are left out."""
-    asked = [k for k, event in enumerate(events) if event.kind == "ask"]
-    last = int(rng.integers(len(asked) // 4, 3 * len(asked) // 4))
-    again = _answers(name, made, task, events[: asked[last] + 1], numbers, len(found.state))
-    same = (again.state == found.state) | (np.isnan(again.state) & np.isnan(found.state))
-    wrong = ~same[: last + 1].all(axis=1)
-    if wrong.any():
-        at = events[asked[int(np.argmax(wrong))]].time
-        raise InswsnError(
-            f"{name} is not causal: data after {events[asked[last]].time:.6g} s change its answer "
-            f"at {at:.6g} s."
-        )

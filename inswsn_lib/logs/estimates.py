@@ -15,22 +15,15 @@ from inswsn_lib.inertial import Solution
 from inswsn_lib.inertial.error_state import antenna
 from inswsn_lib.streams import Recording, Whole
 
-#: Errors that are so far apart are taken for independent, s
-BLOCK = 10.0
 #: A component so many deviations off is an outlier
 OUTLIER = 4.0
-_JUDGED = 12  # fixes, by which an estimate is judged
+#: Fewer fixes judge no estimate
+FEWEST = 12
 _HALF_WINDOW = 0.075  # s, of the line that makes a velocity of the reference; or longer, in rows
-_HALF_ROWS = 2.5
-_FEWEST = 4  # rows of it
-_NONE = np.zeros(0)
-_INTERVAL = ("ratio", "low", "high")
-#: What `scores` returns
-SCORES = (
-    "position", "position_ratio", "position_low", "position_high",
-    "velocity", "velocity_ratio", "velocity_low", "velocity_high", "nees",
-)  # fmt: skip
+_HALF_ROWS, _FEWEST_ROWS = 2.5, 4
 _PARTS = {"position": slice(0, 2), "velocity": slice(2, 4)}
+#: The errors that `scores` returns
+ERRORS = tuple(name + end for name in _PARTS for end in ("", "_ratio", "_low", "_high"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,17 +57,8 @@ def of_solution(
 ) -> Estimate:
     """Return what a solution says of the tag at some times, which must be times of its events.
 
-    Before the first event it says nothing.
-
-    Parameters
-    ----------
-    solution : Solution
-    lever_arm : ndarray, (3,)
-        m.
-    times : ndarray, (fixes,)
-        s.
-    rate : ndarray, (fixes, 3), optional
-        What the gyroscopes say then, rad/s; without it the velocity is that of the IMU.
+    Outside of the solution it says nothing. Without the `rate` (times, 3) that gyroscopes say then,
+    rad/s, the velocity is that of the IMU; the lever arm is in m.
     """
     state, P = np.full((len(times), 4), np.nan), np.full((len(times), 4, 4), np.nan)
     inside = np.flatnonzero((times >= solution.time[0]) & (times <= solution.time[-1]))
@@ -98,50 +82,46 @@ def scores(estimate: Estimate, truth: Array, others: Array) -> dict[str, float]:
     truth, others : ndarray, (n, 4 or 2)
         What is true, and the errors of the other, such as the network; NaN where none is known.
     """
-    errors, found = estimate.state - truth, dict.fromkeys(SCORES, np.nan)
+    errors, found = estimate.state - truth, dict.fromkeys((*ERRORS, "nees"), np.nan)
     for name, part in list(_PARTS.items())[: errors.shape[1] // 2]:
         squares, theirs = (np.square(each[:, part]).sum(axis=1) for each in (errors, others))
         there = np.isfinite(squares) & np.isfinite(theirs)
-        if there.sum() < _JUDGED:
-            continue
-        found[name] = float(np.sqrt(squares[there].mean()))
-        ends = block_ratio(squares[there], theirs[there])
-        found |= {f"{name}_{end}": x for end, x in zip(_INTERVAL, ends, strict=True)}
+        if there.sum() >= FEWEST:
+            told = np.sqrt(squares[there].mean()), *block_ratio(squares[there], theirs[there])
+            names = [each for each in ERRORS if each.startswith(name)]
+            found |= dict(zip(names, map(float, told), strict=True))
     P = estimate.covariance
     if P is not None:
         stated = errors[:, : P.shape[1]]
         there = np.isfinite(stated).all(axis=1)
         if there.any():
-            squares = normalised_squares(stated[there], P[there])
-            found["nees"] = float(squares.mean()) / P.shape[1]
+            found["nees"] = float(np.mean(normalised_squares(stated[there], P[there]))) / len(P[0])
     return found
 
 
 def truth_at(recording: Recording, times: Array) -> Array:
     """Return horizontal position and velocity of the tag by the reference, (times, 4).
 
-    Parameters
-    ----------
-    recording : Recording
-        With a reference.
-    times : ndarray, (times,)
-        s; NaN is returned where the reference has no rows nearby.
+    Positions are interpolated, velocities are slopes of lines through the rows nearby; NaN is where
+    the reference has too few of them.
     """
     time, track = tag_track(recording)
-    if len(time) < _FEWEST:
-        return np.full((len(times), 4), np.nan)
+    found = np.full((len(times), 4), np.nan)
+    if len(time) < _FEWEST_ROWS:
+        return found
     half = max(_HALF_WINDOW, _HALF_ROWS * float(np.median(np.diff(time))))
-    return line_through(time, track[:, :2], times, half)
+    track = track[:, :2]
+    for k, at in enumerate(times):
+        near = slice(*np.searchsorted(time, [at - half, at + half]))
+        enough = near.stop - near.start >= _FEWEST_ROWS
+        if enough and time[near.start] <= at <= time[near.stop - 1]:
+            found[k, :2] = [np.interp(at, time[near], x) for x in track[near].T]
+            found[k, 2:] = np.polyfit(time[near] - at, track[near], 1)[0]
+    return found
 
 
 def tag_track(recording: Recording) -> tuple[Array, Array]:
-    """Return the reference's times, and where the tag was, (rows, 2 or 3), m.
-
-    Parameters
-    ----------
-    recording : Recording
-        With a reference.
-    """
+    """Return the reference's times, s, and where the tag was, (rows, 2 or 3), m."""
     reference = recording.reference
     assert reference is not None
     arm = np.zeros_like(reference.position)
@@ -156,13 +136,7 @@ def largest_lag_one(
 ) -> dict[str, float]:
     """Return the mean NIS and the largest autocorrelation of neighbouring innovations.
 
-    Parameters
-    ----------
-    solution : Solution
-    series : sequence of (ndarray, ndarray)
-        As of `Rung`.
-    begin : float
-        From when, s.
+    Of `series` as of `Rung`, from the time `begin` on, s.
     """
     told = innovations_of(solution, series)
     told = told[told["time"] > begin]
@@ -189,15 +163,15 @@ def innovations_of(solution: Solution, series: Sequence[tuple[Array, Whole]]) ->
         whether all components of the measurement lie within four deviations.
     """
     begin, end = solution.start.time, solution.end.time
-    told = solution.innovations[: len(series)]
+    told, nothing = solution.innovations[: len(series)], np.zeros(0)
     sizes = np.array([len(value) for each in told for value in each.values], dtype=int)
     every = [value / sd for x in told for value, sd in zip(x.values, x.deviations, strict=True)]
     found = pd.DataFrame(
         {
-            "time": np.repeat(np.concatenate([_NONE, *(each.time for each in told)]), sizes),
+            "time": np.repeat(np.concatenate([nothing, *(each.time for each in told)]), sizes),
             "measurement": np.repeat(np.arange(len(sizes)), sizes),
-            "scaled": np.concatenate([_NONE, *every]),
-            "squares": np.repeat(np.concatenate([_NONE, *(x.squares for x in told)]), sizes),
+            "scaled": np.concatenate([nothing, *every]),
+            "squares": np.repeat(np.concatenate([nothing, *(x.squares for x in told)]), sizes),
             "series": np.concatenate(
                 [np.arange(0), *(name[(time > begin) & (time <= end)] for time, name in series)]
             ),
@@ -205,28 +179,3 @@ def innovations_of(solution: Solution, series: Sequence[tuple[Array, Whole]]) ->
     )
     far = found["scaled"].abs() > OUTLIER
     return found.assign(near=~far.groupby(found["measurement"]).transform("any"))
-
-
-def line_through(time: Array, track: Array, at: Array, half: float) -> Array:
-    """Return position and velocity of a track at some times, (times, 4).
-
-    Positions are interpolated, velocities are slopes of lines through the rows nearby.
-
-    Parameters
-    ----------
-    time : ndarray, (rows,)
-        s.
-    track : ndarray, (rows, 2)
-        m.
-    at : ndarray, (times,)
-        s; NaN is returned where there is no row nearby.
-    half : float
-        How far away rows may be, s.
-    """
-    found = np.full((len(at), 4), np.nan)
-    for k, moment in enumerate(at):
-        near = slice(*np.searchsorted(time, [moment - half, moment + half]))
-        if near.stop - near.start >= _FEWEST and time[near.start] <= moment <= time[near.stop - 1]:
-            found[k, :2] = [np.interp(moment, time[near], x) for x in track[near].T]
-            found[k, 2:] = np.polyfit(time[near] - moment, track[near], 1)[0]
-    return found

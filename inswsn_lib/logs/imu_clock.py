@@ -8,8 +8,7 @@ import numpy as np
 
 from inswsn_lib.checks import Array, number
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.logs.blocks import FEWEST
-from inswsn_lib.logs.robust_fit import deviation_of
+from inswsn_lib.logs.blocks import FEWEST, deviation_of
 from inswsn_lib.logs.turn_rates import Felt, Told, Turn, Turned, told_by, vertical_part
 from inswsn_lib.streams import Imu, Recording
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import pandas as pd
@@ -174,13 +174,7 @@ nothing to correct fixes with.
         return self.usable & (self.fixes.time > self.split)
 
     def tuning_end(self, name: str) -> float:
-        """Return until when a filter is tuned, s: the split, or earlier in a long recording.
-
-        Parameters
-        ----------
-        name : str
-            One of `rungs`.
-        """
+        """Return until when a filter is tuned, s: the split, or earlier in a long recording."""
         recording, series = self.filters.recording, self.rungs[name].series
         moved = recording.odometry if self.planar else recording.imu
         assert moved is not None
@@ -209,6 +203,11 @@ nothing to correct fixes with.
         return DifferenceFilters(self.alone.state, self.network.state, self.step)
 
     @cached_property
+    def families(self) -> tuple[str, ...]:
+        """The filters of P1's form, beside an IMU and a reference."""
+        return tuple(FAMILIES) if self.difference and self.recording.reference else ()
+
+    @cached_property
     def alone(self) -> Estimate:
         """The motion that nothing corrects after the start."""
         return self.of(self.filters.run([], *_FREE))
@@ -223,25 +222,30 @@ nothing to correct fixes with.
         Parameters
         ----------
         name : str
-            One of `rungs`, or of `FAMILIES` beside an IMU and a reference.
+            One of `rungs` or of `families`.
         """
         if name not in self._searches:
-            begin, likely = self._likelihood(name)
-            # those of P1's form take long, and end alike from each
-            begins = min(self.begins, 2) if name in FAMILIES else self.begins
-            found = most_likely(name, begin, likely, begins=begins)
-            if name in self.rungs and self.tuning_end(name) < self.split:
-                found = self._sized(name, found)
+            one_of("name", name, (*self.rungs, *self.families))
+            if name in self.rungs:
+                rung, end = self.rungs[name], self.tuning_end(name)
+                found = most_likely(
+                    name, rung.begin,
+                    lambda *x: rung.run(*x, end=end, kept=False).log_likelihood,
+                    begins=self.begins,
+                )  # fmt: skip
+                found = self._sized(rung, found) if end < self.split else found
+            else:  # those of P1's form take long, and end alike from each begin
+                likely, begins = partial(self._by_errors, name), min(self.begins, 2)
+                found = most_likely(name, FAMILIES[name], likely, begins=begins)
             self._searches[name] = found
         return self._searches[name]
 
-    def _sized(self, name: str, found: Tuning[tuple[float, ...]]) -> Tuning[tuple[float, ...]]:
+    def _sized(self, rung: Rung, found: Tuning[tuple[float, ...]]) -> Tuning[tuple[float, ...]]:
         """Return a search in a window, with deviations that fit the whole first part.
 
         With all deviations times a factor the estimates are the same, and the likelihood is largest
         where the mean NIS is 1.
         """
-        rung = self.rungs[name]
         told = rung.run(*found.best, end=self.split, kept=False).innovations[: len(rung.series)]
         squares = np.concatenate([each.squares for each in told])
         factor = float(np.sqrt(np.mean(squares[squares < OUTLIER**2])))
@@ -251,35 +255,16 @@ nothing to correct fixes with.
         ]
         return replace(found, candidates=tuple(ends))
 
-    @cached_property
-    def families(self) -> tuple[str, ...]:
-        """The filters of P1's form, beside an IMU and a reference."""
-        return tuple(FAMILIES) if self.difference and self.recording.reference else ()
-
-    def _likelihood(self, name: str) -> tuple[Sequence[float], Callable[..., float]]:
-        """Return where the search for the numbers of a filter begins, and what it makes largest."""
-        one_of("name", name, (*self.rungs, *self.families))
-        if name in FAMILIES:
-            first = self.usable & (self.fixes.time <= self.split)
-            return FAMILIES[name], lambda *numbers: self._by_errors(name, numbers, first)
-        rung, end = self.rungs[name], self.tuning_end(name)
-        return rung.begin, lambda *x: rung.run(*x, end=end, kept=False).log_likelihood
-
-    def _by_errors(self, name: str, numbers: tuple[float, ...], rows: Mask) -> float:
+    def _by_errors(self, name: str, *numbers: float) -> float:
         """Return the log-likelihood of errors of one unknown size in position and in velocity."""
         assert self.difference is not None
-        squares = np.square(self.difference.run(name, *numbers).state - self.truth)[rows]
+        first = self.usable & (self.fixes.time <= self.split)
+        squares = np.square(self.difference.run(name, *numbers).state - self.truth)[first]
         sums = [float(np.nansum(squares[:, part])) for part in (slice(0, 2), slice(2, 4))]
         return -len(squares) * float(np.sum(np.log([each for each in sums if each > 0])))
 
     def solution(self, name: str) -> Solution:
-        """Return the run of an error-state filter with its numbers.
-
-        Parameters
-        ----------
-        name : str
-            One of `rungs`.
-        """
+        """Return the run of an error-state filter, one of `rungs`, with its numbers."""
         one_of("name", name, tuple(self.rungs))
         return self.rungs[name].run(*self.tuned(name).best)
 
@@ -348,17 +333,9 @@ nothing to correct fixes with.
         return table.assign(settled=settled, causal=causal)
 
     def compare(self, name: str, other: str) -> dict[str, tuple[float, float, float]]:
-        """Return RMS errors of an estimator over those of another on the judged fixes.
+        """Return RMS errors of a row of `table` over those of another, with intervals.
 
-        Parameters
-        ----------
-        name, other : str
-            Rows of `table`.
-
-        Returns
-        -------
-        dict of str to (ratio, low, high)
-            Of ``position`` and ``velocity``, with intervals by `block_ratio`.
+        The ratio, low and high of ``position`` and of ``velocity``.
         """
         found = self._scores(self.estimates[name], self.estimates[other], self.judged)
         return {

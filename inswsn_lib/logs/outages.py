@@ -85,9 +85,9 @@ nothing to correct fixes with.
             STILL: self._on(still),
             ON: self._on(network),
             "go on at the filter's velocity": self._on(filtered),
-            COASTING: self._replayed(name, smoothed=False),
+            COASTING: self._replayed(name),
         }
-        return found | {f"coasting, {n}": self._replayed(n, smoothed=False) for n in others}
+        return found | {f"coasting, {n}": self._replayed(n) for n in others}
 
     @cached_property
     def oracles(self) -> dict[str, Array]:
@@ -100,15 +100,13 @@ nothing to correct fixes with.
             found["go on at the true velocity"] = self._on(self.ladder.truth[self.starts])
         return found
 
-    def table(self, lengths: Sequence[float] = (2.0, 5.0, 10.0), over: str = ON) -> pd.DataFrame:
-        """Return RMS errors over outages of these lengths, m, and ratios to one of them.
+    def table(self, lengths: Sequence[float] = (2.0, 5.0, 10.0)) -> pd.DataFrame:
+        """Return RMS errors over outages of these lengths, m, and ratios to going on.
 
         Parameters
         ----------
         lengths : sequence of float
             s, up to the longest.
-        over : str
-            The method that others are compared with.
 
         Returns
         -------
@@ -122,22 +120,16 @@ nothing to correct fixes with.
         for name, error in everything.items():
             rows[name] = {"oracle": name in self.oracles, "outages": len(self.starts)}
             for length in lengths:
-                told = self.ratio(error, everything[over], length)
+                told = self.ratio(error, everything[ON], length)
                 columns = [f"{what} {length:g} s" for what in ("rms", "ratio", "low", "high")]
                 rows[name] |= dict(zip(columns, told, strict=True))
         return pd.DataFrame(rows).T
 
     def ratio(self, error: Array, other: Array, length: float) -> tuple[float, ...]:
-        """Return an RMS error over outages of a length, its ratio to another, and the interval.
+        """Return an RMS error over outages of a length, s, its ratio to another, and the interval.
 
-        Of outages in which the truth is known; NaN if these are fewer than three.
-
-        Parameters
-        ----------
-        error, other : ndarray, (outages, steps)
-            m.
-        length : float
-            s.
+        Both are (outages, steps), m. Of outages in which the truth is known; NaN if these are fewer
+        than three.
         """
         steps = max(1, round(self.steps * length / self.longest))
         both = np.square([error[:, :steps], other[:, :steps]])
@@ -149,17 +141,9 @@ nothing to correct fixes with.
         return float(np.sqrt(mine.mean())), *block_ratio(mine, theirs, block)
 
     def begins(self, begin: float, end: float) -> Whole:
-        """Return the last fixes before outages that lie between two times, (outages,).
+        """Return the last fixes before outages that lie between two times, s, (outages,).
 
-        Parameters
-        ----------
-        begin, end : float
-            s.
-
-        Raises
-        ------
-        InswsnError
-            If there is room for fewer than three.
+        `InswsnError` is raised if there is room for fewer than three.
         """
         time = self.ladder.fixes.time
         states = np.hstack([self.ladder.network.state, self.ladder.truth[:, :2]])
@@ -208,7 +192,7 @@ nothing to correct fixes with.
         first, last = (state[k, None, :2] for k in (self.starts, after))
         return self.apart(first + share[:, :, None] * (last - first), self.starts)
 
-    def _replayed(self, name: str, *, smoothed: bool) -> Array:
+    def _replayed(self, name: str, *, smoothed: bool = False) -> Array:
         """Return the errors of a filter without fixes, or of its smoother with those after."""
         found = [self._replay(name, int(k), smoothed=smoothed) for k in self.starts]
         return self.apart(np.array(found), self.starts)

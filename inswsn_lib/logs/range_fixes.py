@@ -1,11 +1,13 @@
-"""Positions from the ranges of each short interval of a recording, and how accurate they are."""
+"""Positions from the ranges of each short interval of a recording, and velocities from fixes."""
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import ArrayLike
+from dataclasses import replace
 
-from inswsn_lib.checks import Array, array, number
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from inswsn_lib.checks import Array, number, whole
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.logs.window_fits import (
     WindowFit,
@@ -13,34 +15,28 @@ from inswsn_lib.logs.window_fits import (
     fit_windows,
     mean_times,
     window_ranges,
-    window_rows,
 )
 from inswsn_lib.simulation.position_search import squares
 from inswsn_lib.streams import Fixes, Ranges
 
+_SLACK = 2.0  # times what the fixes of a line take if none is missing
+
 
 def multilaterate_track(
-    ranges: Ranges,
-    period: float = 0.2,
-    *,
-    window: float | None = None,
-    bias: ArrayLike | None = None,
-    height: float | None = None,
-    side: float = 0.0,
-    robust: bool = True,
+    ranges: Ranges, period: float = 0.2, *, height: float | None = None, side: float = 0.0
 ) -> Fixes:
     r"""Return a fix for each interval, from the ranges of that interval alone.
 
-    With :math:`e_i = r_i - b_i - |p - a_i|`, a fix minimises
+    With :math:`e_i = r_i - |p - a_i|`, a fix minimises
 
     .. math:: \sum_i 2 c^2 \left(\sqrt{1 + (e_i / c)^2} - 1\right),
 
     the loss that is called soft-l1, quadratic near zero and linear far away (Charbonnier and others
-    1997; ``loss="soft_l1"`` of `scipy.optimize.least_squares`), else :math:`\sum_i e_i^2`. The
-    scale c is the deviation of the residuals of the whole recording, from their median absolute
-    value; where errors are normal, this loss wastes 7 % of the information. All intervals are
-    solved at once by Levenberg and Marquardt's method (Marquardt 1963), from the solution of the
-    linear problem that differences of squared ranges pose.
+    1997; ``loss="soft_l1"`` of `scipy.optimize.least_squares`). The scale c is the deviation of the
+    residuals of the whole recording, from their median absolute value; where errors are normal,
+    this loss wastes 7 % of the information. All intervals are solved at once by Levenberg and
+    Marquardt's method (Marquardt 1963), from the solution of the linear problem that differences of
+    squared ranges pose.
 
     Errors of one anchor's ranges hang together within an interval. So the deviation knows of two
     variances, one of an anchor in an interval and one of a range, both of the whole recording's
@@ -54,19 +50,12 @@ def multilaterate_track(
         To anchors in two or three dimensions.
     period : float
         Of the intervals, s. They begin with the first stamp; one without a range has no fix.
-    window : float, optional
-        How far back from the end of its interval a fix takes ranges, s; `period` by default. A
-        longer one makes fixes that hang together and are late by half of it if the tag moves.
-    bias : array_like, (N,), optional
-        What each anchor's ranges have too much, m.
     height : float, optional
         Of the tag, m, if it is known: fixes are then horizontal, from anchors in three dimensions.
     side : float
         On which side of anchors that lie in a plane (in two dimensions, on a line) the tag is: 1
         where the largest component of the normal is positive, such as above a ceiling, -1 below, 0
         if that is not known. Where they lie almost in a plane, the ranges come first.
-    robust : bool
-        Whether the loss is soft-l1, or least squares.
 
     Returns
     -------
@@ -97,33 +86,15 @@ def multilaterate_track(
     [0.0875 0.2875] [[1.0, 2.0], [2.0, 2.0]]
     """
     number("period", period, above=0)
-    window = period if window is None else number("window", window, least=period)
-    sound = np.isfinite(ranges.distance)
-    if not sound.any():
+    ranges = ranges.kept(np.isfinite(ranges.distance))
+    if not len(ranges):
         raise InswsnError("There is no range to make fixes of.")
-    if not sound.all():
-        ranges = ranges.kept(sound)
-    d, level = _dimensions(ranges, height)
-    each = (
-        np.zeros(len(ranges.anchors))
-        if bias is None
-        else array("bias", bias, (len(ranges.anchors),))
-    )
-    which, first = window_rows(ranges.time, period, window)
-    rows = window_ranges(ranges, which, first, each, d, level)
-    fit = fit_windows(rows, robust=robust, side=number("side", side, least=-1, most=1))
+    if height is not None and ranges.anchors.shape[1] == 2:
+        raise ParameterError("height", height, "left out for anchors in two dimensions")
+    rows = window_ranges(ranges, period, None if height is None else number("height", height))
+    fit = fit_windows(rows, side=number("side", side, least=-1, most=1))
     position = np.where(fit.bad[:, None], np.nan, fit.position)
     return Fixes(time=mean_times(rows), position=position, deviation=_deviations(rows, fit))
-
-
-def _dimensions(ranges: Ranges, height: float | None) -> tuple[int, float | None]:
-    """Return how many coordinates a fix has, and the height that is given."""
-    d = ranges.anchors.shape[1]
-    if height is None:
-        return d, None
-    if d == 2:
-        raise ParameterError("height", height, "left out for anchors in two dimensions")
-    return 2, number("height", height)
 
 
 def _deviations(rows: WindowRanges, fit: WindowFit) -> Array:
@@ -150,3 +121,55 @@ def _deviations(rows: WindowRanges, fit: WindowFit) -> Array:
     inverse = np.linalg.inv(fit.information(rows)[~fit.bad])
     found[~fit.bad] = np.sqrt(np.einsum("wij,wjk,wki->wi", inverse, S, inverse))
     return found
+
+
+def slope_velocity(fixes: Fixes, count: int = 5) -> Fixes:
+    r"""Return fixes with the velocity of the straight line through the last `count` of them.
+
+    With stamps :math:`t_i` and positions :math:`p_i` of the fixes up to now,
+
+    .. math:: v = \sum_i (t_i - \bar t)\, p_i \big/ \sum_i (t_i - \bar t)^2,
+
+    the slope by least squares. It is causal: it is late by half of the time that these fixes take,
+    as every derivative by the past is, and its deviation with even periods T and independent errors
+    :math:`\sigma` is :math:`\sigma \sqrt{12 / (n^3 - n)} / T` (Bar-Shalom, Li and Kirubarajan 2001,
+    Section 3.5, a straight line by least squares).
+
+    Parameters
+    ----------
+    fixes : Fixes
+        Those that are NaN are passed over.
+    count : int
+        How many fixes a line goes through, 2 or more.
+
+    Returns
+    -------
+    Fixes
+        The velocity, m/s, is NaN where the fix is, where fewer fixes came before, or where they
+        take more than twice as long as by the median step.
+
+    Examples
+    --------
+    A fix is missing at 3 s; the line goes on through the others, for they do not take too long.
+
+    >>> import numpy as np
+    >>> from inswsn_lib.logs import slope_velocity
+    >>> from inswsn_lib.streams import Fixes
+    >>> x = np.array([0.0, 2.0, 4.0, np.nan, 8.0])
+    >>> fixes = Fixes(time=np.arange(5.0), position=np.column_stack([x, 0 * x]))
+    >>> print(slope_velocity(fixes, count=3).velocity[:, 0])
+    [nan nan  2. nan  2.]
+    """
+    whole("count", count, 2)
+    there = np.flatnonzero(np.isfinite(fixes.position).all(axis=1))
+    velocity = np.full(fixes.position.shape, np.nan)
+    if len(there) >= count:
+        times = sliding_window_view(fixes.time[there], count)
+        places = sliding_window_view(fixes.position[there], count, axis=0).swapaxes(1, 2)
+        apart = times - times.mean(axis=1, keepdims=True)
+        slope = np.einsum("nc,ncd->nd", apart, places - places[:, :1])
+        slope /= np.sum(apart**2, axis=1, keepdims=True)
+        longest = _SLACK * (count - 1) * np.median(np.diff(fixes.time))
+        slope[times[:, -1] - times[:, 0] > longest] = np.nan
+        velocity[there[count - 1 :]] = slope
+    return replace(fixes, velocity=velocity)

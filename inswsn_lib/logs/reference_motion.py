@@ -30,26 +30,20 @@ class ReferenceMotion:
         if there.sum() < 2:
             raise InswsnError("The reference has fewer than two positions.")
         self.time = reference.time[there]
-        self._track = reference.position[there, :dimensions]
+        self._track = self._point = reference.position[there, :dimensions]
         self.middle: Array = self._track.mean(axis=0)
         self.period = float(np.median(np.diff(self.time)))
-        self._gap = max(_GAP, 3 * self.period)
-        self._turned: Array | None = None
+        self.has_attitude = reference.attitude is not None
+        matrices = np.broadcast_to(np.eye(3), (len(self.time), 3, 3))
         if reference.attitude is not None:
             matrices = Rotation.from_quat(reference.attitude[there]).as_matrix()
-            self._turned = matrices[:, :dimensions].reshape(len(self.time), -1)
+        self._turned: Array = matrices
         self._arm: Array = np.zeros(3)
-        self._point = self._track
-
-    @property
-    def has_attitude(self) -> bool:
-        """Whether the reference tells it."""
-        return self._turned is not None
 
     def covers(self, time: Array, margin: float = 0.0) -> Mask:
         """Tell which times are within it by a margin (s), and in no gap."""
         before = self._before(time)
-        near = self.time[before + 1] - self.time[before] <= self._gap
+        near = self.time[before + 1] - self.time[before] <= max(_GAP, 3 * self.period)
         inside = (time >= self.time[0] + margin) & (time <= self.time[-1] - margin)
         return np.asarray(near & inside)
 
@@ -59,15 +53,17 @@ class ReferenceMotion:
 
     def attitude(self, time: Array) -> Array:
         """Return the matrices (n, d, 3) that turn vectors of the body into the frame."""
-        if self._turned is None:
-            return np.broadcast_to(np.eye(self.d, 3), (len(time), self.d, 3))
-        return self._between(self._turned, time).reshape(len(time), self.d, 3)
+        return self._between(self._turned[:, : self.d], time)
+
+    def rotation(self, time: Array) -> Rotation:
+        """Return the rotations from the axes of the body to the frame."""
+        return Rotation.from_matrix(self._between(self._turned, time))
 
     def carried(self, time: Array, lever_arm: Array) -> Array:
-        """Return where a point of the body was, (n, d)."""
-        if self._turned is not None and not np.array_equal(lever_arm, self._arm):
+        """Return where a point of the body was, (n, d); without an attitude, where that was."""
+        if self.has_attitude and not np.array_equal(lever_arm, self._arm):
             self._arm = np.array(lever_arm, dtype=float)
-            self._point = self._track + self._turned.reshape(-1, self.d, 3) @ self._arm
+            self._point = self._track + self._turned[:, : self.d] @ self._arm
         return self._between(self._point, time)
 
     def velocity(self, time: Array, lever_arm: Array) -> Array:
@@ -81,7 +77,7 @@ class ReferenceMotion:
         return np.clip(np.searchsorted(self.time, time) - 1, 0, len(self.time) - 2)
 
     def _between(self, values: Array, time: Array) -> Array:
-        """Return rows of values between those of the stamps; the ends go on."""
         i = self._before(time)
         share = np.clip((time - self.time[i]) / (self.time[i + 1] - self.time[i]), 0.0, 1.0)
-        return np.asarray(values[i] + share[:, None] * (values[i + 1] - values[i]))
+        share = share.reshape(-1, *[1] * (values.ndim - 1))
+        return np.asarray(values[i] + share * (values[i + 1] - values[i]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -11,9 +12,10 @@ from scipy.spatial.transform import Rotation, Slerp
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.inertial import InertialState, PlanarState, Solution, Start, smooth
-from inswsn_lib.logs.correction import COLOURED, is_planar, network_of, turned_by_gyroscope
+from inswsn_lib.logs.correction import COLOURED, is_planar, turned_by_gyroscope
 from inswsn_lib.logs.estimates import (
-    SCORES,
+    ERRORS,
+    FEWEST,
     Estimate,
     innovations_of,
     scores,
@@ -22,18 +24,17 @@ from inswsn_lib.logs.estimates import (
 from inswsn_lib.logs.filter_checks import check_innovations, check_nees, check_outliers
 from inswsn_lib.logs.findings import FALSE_ALARM, Finding
 from inswsn_lib.logs.ladder import Ladder
+from inswsn_lib.logs.network_fixes import network_of
 from inswsn_lib.logs.outages import COASTING, ON, SMOOTHED, STILL, STRAIGHT, Outages
-from inswsn_lib.logs.report_words import of_set_up, sentence_of
 from inswsn_lib.logs.set_up_checks import check_set_up
 from inswsn_lib.logs.set_up_streams import check_failed
-from inswsn_lib.streams import Fixes, Recording, Stream
+from inswsn_lib.streams import Fixes, Recording
 
 _ALIGNMENT = 20.0  # s
 _MIRRORED = "the network is mirrored, its x and y exchanged, or rates have the other sign"
-_FEWEST = 12  # fixes by which a track is judged
 _TRACK = ("x", "y", "vx", "vy")
-_COLUMNS = SCORES[:-1]
 _MOST, _INTERVAL = 20_000, 0.2  # fixes, or intervals of ranges, that are taken, and s of these
+_OF_FILTER = ("outliers", "size", "colour", "whiteness", "errors")  # findings of the filter
 # Outages in which fixes are withheld, s: times how long their errors last, at the least and most,
 # and of the time that is judged
 _LASTING, _SHORTEST, _LONGEST, _SHARE = 2.0, 2.0, 10.0, 0.1
@@ -108,10 +109,6 @@ def report(
     start : Start, optional
         What is known of the start, of `known_start`; for odometry with a `PlanarState`.
 
-    Returns
-    -------
-    Report
-
     Raises
     ------
     InswsnError
@@ -181,6 +178,7 @@ def _with_filter(ladder: Ladder, findings: list[Finding]) -> Report:
     judged = _by_reference if recording.reference is not None else _in_outages
     table, judge, more = judged(ladder, solution)
     findings += more
+    judge = "nothing" if table.isna().all(axis=None) else judge
     said = sentence_of(findings, table, judge)
     track = _track(ladder.fixes.time, ladder.of(solution))
     return Report(findings, table, judge, said, track, ladder.tuned(name).best)
@@ -197,13 +195,12 @@ def _settled(ladder: Ladder, name: str) -> Finding:
     says = "the numbers hang on where the search for them began"
     if search.settled:
         says = "two begins led to the same numbers"
-    fits = search.settled if others else None
-    return Finding("search", "filter", apart, 0.0, 0.5, fits, says)
+    return Finding("search", "filter", apart, 0.0, 0.5, search.settled if others else None, says)
 
 
 def _by_reference(ladder: Ladder, solution: Solution) -> _Judged:
     """Judge by the reference."""
-    turned = turned_by(ladder.filters.recording, solution)
+    turned = _turned_by(ladder.filters.recording, solution)
     truth, rows = truth_at(turned, ladder.fixes.time), ladder.fixes.time > ladder.split
     corrected, smoothed = ladder.of(solution), ladder.of(smooth(solution))
     estimates = {"network": ladder.network, "corrected": corrected, "smoothed": smoothed}
@@ -211,20 +208,14 @@ def _by_reference(ladder: Ladder, solution: Solution) -> _Judged:
     assert P is not None  # a filter has it
     errors = (corrected.state - truth)[:, : P.shape[1]]
     rows = rows & np.isfinite(errors).all(axis=1)
-    found = [check_nees(errors[rows], P[rows])] if rows.sum() >= _FEWEST else []
-    return table, _judge(table, "reference"), found
+    found = [check_nees(errors[rows], P[rows])] if rows.sum() >= FEWEST else []
+    return table, "reference", found
 
 
-def turned_by(recording: Recording, solution: Solution) -> Recording:
+def _turned_by(recording: Recording, solution: Solution) -> Recording:
     """Return a recording whose reference has attitudes: its own, or those of a filter in space.
 
     By them the reference, which is the body's, is brought to the tag.
-
-    Parameters
-    ----------
-    recording : Recording
-        With a reference.
-    solution : Solution
     """
     reference, states = recording.reference, solution.states
     assert reference is not None
@@ -244,25 +235,23 @@ def _in_outages(ladder: Ladder, solution: Solution) -> _Judged:
     length = max(min(max(_LASTING * lasting, _SHORTEST), _LONGEST, _SHARE * judged), ladder.step)
     outages = Outages(ladder, length, length)
     vars(outages)["solutions"] = {ladder.corrected: solution}
-    names = {"corrected": COASTING, "line": STRAIGHT, "smoothed": SMOOTHED}
     try:
         errors = outages.errors | outages.oracles
     except InswsnError:  # there is no room for three
-        table = pd.DataFrame(np.nan, index=["network", *names], columns=list(_COLUMNS))
-        return table, "nothing", []
-    squares = {name: float(np.nanmean(np.square(each))) for name, each in errors.items()}
-    carried = min((STILL, ON), key=lambda name: squares[name])
-    rows = {}
-    for row, name in {"network": carried, **names}.items():
-        other = STRAIGHT if row in ("line", "smoothed") else carried
-        told = outages.ratio(errors[name], errors[other], length)
-        rows[row] = dict(zip(_COLUMNS[:4], told, strict=True))
-    table = pd.DataFrame(rows, index=list(_COLUMNS)).T
-    return table, _judge(table, f"outages of {length:.3g} s"), []
-
-
-def _judge(table: pd.DataFrame, by: str) -> str:
-    return "nothing" if table.isna().all(axis=None) else by
+        rows = ["network", "corrected", "line", "smoothed"]
+        return pd.DataFrame(np.nan, index=rows, columns=[*ERRORS]), "nothing", []
+    carried = min((STILL, ON), key=lambda name: float(np.nanmean(np.square(errors[name]))))
+    pairs = {
+        "network": (carried, carried),
+        "corrected": (COASTING, carried),
+        "line": (STRAIGHT, STRAIGHT),
+        "smoothed": (SMOOTHED, STRAIGHT),
+    }
+    told = {
+        row: dict(zip(ERRORS, outages.ratio(errors[mine], errors[other], length), strict=False))
+        for row, (mine, other) in pairs.items()
+    }
+    return pd.DataFrame(told, index=[*ERRORS]).T, f"outages of {length:.3g} s", []
 
 
 def _without_filter(recording: Recording, findings: list[Finding], said: str) -> Report:
@@ -270,51 +259,41 @@ def _without_filter(recording: Recording, findings: list[Finding], said: str) ->
     try:
         network = network_of(recording)
     except InswsnError:
-        if not any(map(_has_rows, (recording.ranges, recording.fixes))):
+        if not (recording.ranges or recording.fixes):
             raise
         network = Fixes(np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2)))
-    times, alone = network.time, _of_network(network)
-    table, judge = pd.DataFrame(columns=list(_COLUMNS)), "nothing"
+    assert network.velocity is not None  # `network_of` has it
+    times = network.time
+    alone = Estimate(np.hstack([network.position[:, :2], network.velocity[:, :2]]))
+    table, judge = pd.DataFrame(columns=[*ERRORS]), "nothing"
     if recording.reference is not None and len(times):
         truth, half = truth_at(recording, times), times > float(np.mean(times[[0, -1]]))
         table = _table({"network": alone}, truth, half)
-        judge = _judge(table, "reference")
+        judge = "nothing" if table.isna().all(axis=None) else "reference"
     start = Finding("start", "filter", np.nan, np.nan, np.nan, None, said.rstrip("."))
-    said = " ".join([*of_set_up(findings), said])
+    said = " ".join([*_of_set_up(findings), said])
     return Report([*findings, start], table, judge, said, _track(times, alone))
-
-
-def _has_rows(stream: Stream | None) -> bool:
-    return stream is not None and len(stream) > 0
-
-
-def _of_network(network: Fixes) -> Estimate:
-    assert network.velocity is not None  # `network_of` has it
-    return Estimate(np.hstack([network.position[:, :2], network.velocity[:, :2]]))
 
 
 def _table(estimates: dict[str, Estimate], truth: Array, rows: Mask) -> pd.DataFrame:
     """Return the scores on the rows where all estimates say where the tag is."""
-    there = rows.copy()
-    for each in estimates.values():
-        there &= np.isfinite(each.state[:, :2]).all(axis=1)
+    states = [each.state[:, :2] for each in estimates.values()]
+    there = rows & np.isfinite(states).all(axis=(0, 2))
     errors = (estimates["network"].state - truth)[there]
     found = {name: scores(e.part(there), truth[there], errors) for name, e in estimates.items()}
-    return pd.DataFrame(found).T[list(_COLUMNS)]
+    return pd.DataFrame(found).T[[*ERRORS]]
 
 
 def _mirrored(other: Ladder, ladder: Ladder) -> list[Finding]:
     """Ask whether the motion fits the network better if that is mirrored."""
-    who = "network and motion"
     gain = _more_likely(replace(other, recording=_mirror(other.recording)), ladder)
     if np.isnan(gain):
         return []
     bound = float(-np.log(FALSE_ALARM))
-    if abs(gain) < bound:
-        says = "the motion turns too little to tell a mirrored network"
-        return [Finding("axes", who, gain, -np.inf, bound, None, says)]
-    says = _MIRRORED if gain > 0 else "they turn to the same side"
-    return [Finding("axes", who, gain, -np.inf, bound, gain < 0, says)]
+    fits, says = None, "the motion turns too little to tell a mirrored network"
+    if abs(gain) >= bound:
+        fits, says = gain < 0, _MIRRORED if gain > 0 else "they turn to the same side"
+    return [Finding("axes", "network and motion", gain, -np.inf, bound, fits, says)]
 
 
 def _mirrored_start(ladder: Ladder) -> list[Finding]:
@@ -364,17 +343,18 @@ def _more_likely(other: Ladder, ladder: Ladder) -> float:
 
 def _mirror(recording: Recording) -> Recording:
     """Return a recording whose network has the other sign of y."""
+
+    def mirrored(vectors: Array | None) -> Any:
+        signs = np.array([1.0, -1.0, 1.0])
+        return None if vectors is None else vectors * signs[: vectors.shape[1]]
+
     ranges, fixes = recording.ranges, recording.fixes
     if ranges is not None:
-        ranges = replace(ranges, anchors=_other_side(ranges.anchors))
+        ranges = replace(ranges, anchors=mirrored(ranges.anchors))
     if fixes is not None:
-        velocity = None if fixes.velocity is None else _other_side(fixes.velocity)
-        fixes = replace(fixes, position=_other_side(fixes.position), velocity=velocity)
+        moved = mirrored(fixes.velocity)
+        fixes = replace(fixes, position=mirrored(fixes.position), velocity=moved)
     return replace(recording, ranges=ranges, fixes=fixes)
-
-
-def _other_side(vectors: Array) -> Array:
-    return np.asarray(vectors * np.array([1.0, -1.0, 1.0])[: vectors.shape[1]])
 
 
 def _of_innovations(ladder: Ladder, name: str, solution: Solution) -> list[Finding]:
@@ -394,3 +374,57 @@ def _track(times: Array, estimate: Estimate) -> pd.DataFrame:
         deviations[:, :stated] = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
     found[[f"sd_{name}" for name in _TRACK]] = deviations
     return found.dropna(subset=["x", "y"]).reset_index(drop=True)
+
+
+def _of_set_up(findings: list[Finding]) -> list[str]:
+    """Return a sentence of what does not fit in the set-up, if anything."""
+    wrong = [f for f in findings if f.fits is False and f.name not in _OF_FILTER]
+    if not wrong:
+        return []
+    return [f"The set-up does not fit: {'; '.join(f'{f.subject}: {f.says}' for f in wrong)}."]
+
+
+def _of_filter(findings: list[Finding]) -> str:
+    """Return a sentence of whether the filter is consistent."""
+    told = [found for found in findings if found.name in _OF_FILTER]
+    wrong = [found for found in told if found.fits is False]
+    if wrong:
+        causes = "; ".join(f"{found.name} {found.value:.2g}: {found.says}" for found in wrong)
+        return f"Warning: the filter is not consistent ({causes})."
+    if not any(found.fits for found in told if found.name != "outliers"):
+        return "Whether the filter is consistent cannot be told."
+    return "The filter is consistent."
+
+
+def sentence_of(findings: list[Finding], table: pd.DataFrame, judge: str) -> str:
+    """Return what comes of set-up, filter and errors, as of `Report`, with warnings."""
+    said = [*_of_set_up(findings), _of_filter(findings)]
+    if judge == "nothing":
+        return " ".join([*said, "How large the errors are cannot be told."])
+
+    def interval(what: str, row: str = "corrected") -> Array:
+        columns = [f"{what}_{end}" for end in ("ratio", "low", "high")]
+        return np.asarray(table.loc[[row], columns].to_numpy(dtype=float)[0])
+
+    def share(what: str, row: str = "corrected") -> str:
+        ratio, low, high = interval(what, row)
+        return f"{ratio:.0%} ({low:.0%} to {high:.0%})"
+
+    _, low, high = interval("position")
+    begin = "Warning: in" if low > 1 else "In"
+    if judge == "reference":
+        better = "worse than" if low > 1 else "neither better nor worse than"
+        better = "better than" if high < 1 else better
+        said.append(
+            f"{begin} position the corrected track is {better} the network: it has "
+            f"{share('position')} of its error."
+        )
+        if np.isfinite(interval("velocity")).all():
+            said.append(f"In velocity it has {share('velocity')}.")
+    else:
+        said.append(
+            f"{begin} {judge}, by the fixes that are withheld, the corrected track is "
+            f"{share('position')} as far as what goes on from the last fix, and the smoothed one "
+            f"{share('position', 'smoothed')} as far as a straight line to the next."
+        )
+    return " ".join(said)

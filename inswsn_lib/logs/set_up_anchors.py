@@ -3,44 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from scipy.stats import t
 
 from inswsn_lib.checks import Array
-from inswsn_lib.logs.blocks import FEWEST, block_starts
-from inswsn_lib.logs.findings import FALSE_ALARM, Finding, unknown
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.logs.blocks import deviation_of
+from inswsn_lib.logs.calibration import Calibration, fitted
+from inswsn_lib.logs.explanations import quantile, told_within
+from inswsn_lib.logs.findings import Finding, unknown
 from inswsn_lib.logs.likeness import BLOCK
 from inswsn_lib.logs.model import Model, Rows, State
 from inswsn_lib.logs.reference_motion import ReferenceMotion
-from inswsn_lib.logs.results import Calibration
-from inswsn_lib.logs.robust_fit import covariance, deviation_of, fit
 from inswsn_lib.streams import Ranges
 
 _LET = 3.0  # times the noise of a range: a place or a bias that is let pass
 _TOLD = 3.0  # times that: the widest bound with which they are told
 _LEAST = 0.05  # m, of the noise
-#: What is said of anchors where the frame is wrong
-FRAME = "most anchors seem to be elsewhere, so that it is the frame that is wrong"
 _UNTOLD = {
     "place": "the tag moves too little about it to tell where it is",
     "bias": "its ranges change too much for a bias to be told",
 }
 
 
-@dataclass(frozen=True, eq=False)
-class _Fitted:
-    values: Array
-    deviations: Array
-    noise: float
-    blocks: int
-
-
 def check_anchors(
     ranges: Ranges, motion: ReferenceMotion, lever_arm: Array
-) -> list[tuple[Finding, int]]:
-    """Return whether each anchor's place and bias are right, and the number of the anchor.
+) -> dict[int, list[Finding]]:
+    """Return whether each anchor's place and bias are right, by the number of the anchor.
 
     Parameters
     ----------
@@ -50,85 +40,70 @@ def check_anchors(
     lever_arm : ndarray, (3,)
         m.
     """
-    heard = np.unique(ranges.anchor)
     rows = Rows.of(ranges)
     first = State.nothing(rows, lever_arm)
     off = Model(motion, rows, []).residual(first)
-    middles = {int(k): float(np.median(off[ranges.anchor == k])) for k in heard}
-    own = np.array([middles[int(k)] for k in ranges.anchor])
-    noise = max(deviation_of(off - own), _LEAST)
-    let = _LET * noise
-    found: list[tuple[Finding, int]] = []
-    for k in heard:
-        mine = ranges.anchor == k
-        others = [value for other, value in middles.items() if other != k]
-        usual = float(np.median(others)) if others else 0.0
-        name, many = ranges.names[k], len(heard)
-        own_rows = replace(rows, value=rows.value - usual).part(mine)
-        # where an anchor is, is told by how the track would have to be shifted
-        place = _fitted(Model(motion, own_rows, ["shift"]), first, noise)
-        bias = _fitted(Model(motion, own_rows, ["bias"]), first, noise)
-        findings = [
-            _judged("place", name, place, let, many), _judged("bias", name, bias, let, many)
-        ]  # fmt: skip
-        if place and bias and any(each.fits is False for each in findings):
-            # what leaves less is what is wrong
-            other = int(place.noise < bias.noise)
-            if findings[1 - other].fits is False:
-                says = "another explanation fits better"
-                findings[other] = replace(findings[other], fits=True, says=says)
-        found += [(each, int(k)) for each in findings]
-    suspects = {k for each, k in found if each.fits is False}
-    if len(suspects) <= len(heard) / 2:
-        return found
-    return [(replace(each, fits=None, says=FRAME), k) for each, k in found]
+    middles = {k: float(np.median(off[rows.which == k])) for k in np.unique(rows.which).tolist()}
+    let, found = _LET * max(deviation_of(rows.level(off)), _LEAST), {}
+    for k, name in ((k, ranges.names[k]) for k in middles):
+        own = replace(rows, value=rows.value - _usual(middles, k)).part(rows.which == k)
+        try:
+            # where an anchor is, is told by how the track would have to be shifted
+            place, bias = (fitted(Model(motion, own, [x]), first, BLOCK) for x in ("shift", "bias"))
+        except InswsnError:
+            seldom = "it is heard too seldom"
+            found[k] = [unknown(kind, f"anchor {name}", seldom) for kind in _UNTOLD]
+            continue
+        pair = [
+            _judged(kind, name, value, fit.deviations, fit.blocks, let, len(middles))
+            for kind, value, fit in (("place", -place.values, place), ("bias", bias.values, bias))
+        ]
+        better = int(bias.after <= place.after)  # what leaves less is what is wrong
+        if pair[better].fits is False:
+            says = "another explanation fits better"
+            pair[1 - better] = replace(pair[1 - better], fits=True, says=says)
+        found[k] = pair
+    if sum(any(each.fits is False for each in pair) for pair in found.values()) > len(found) / 2:
+        return not_told(found)
+    return found
 
 
-def _fitted(model: Model, first: State, noise: float) -> _Fitted | None:
-    time, count = model.rows.time, len(model.names)
-    starts = block_starts(time, BLOCK)
-    if len(starts) < FEWEST or len(time) < 2 * count + 2:
-        return None
-    size = np.full(count, noise)
-    state, scale = fit(model, first, noise, lambda _: size)
-    found, lost = covariance(model, state, scale, size, starts)
-    deviations = np.sqrt(np.diag(found))
-    deviations[lost] = np.inf
-    values = -state.shift if "shift" in model.kinds else state.bias[model.heard]
-    return _Fitted(values, deviations, scale, len(starts))
+def not_told(found: dict[int, list[Finding]]) -> dict[int, list[Finding]]:
+    """Return that nothing is told of anchors, since the frame is wrong."""
+    says = "most anchors seem to be elsewhere, so that it is the frame that is wrong"
+    return {k: [replace(x, fits=None, says=says) for x in pair] for k, pair in found.items()}
 
 
-def _judged(kind: str, name: str, found: _Fitted | None, let: float, many: int) -> Finding:
-    """Judge the displacement or the bias of an anchor."""
-    who, place = f"anchor {name}", kind == "place"
-    if found is None:
-        return unknown(kind, who, "it is heard too seldom")
-    d, worst = len(found.values), float(found.deviations.max())
-    value = float(np.linalg.norm(found.values) if place else found.values[0])
-    bound = let + float(t.isf(FALSE_ALARM / (2 * many * d), found.blocks - 1)) * worst * np.sqrt(d)
-    fits: bool | None = bool(abs(value) <= bound)
-    if not fits and place:
-        where = ", ".join(f"{x:.2g}" for x in found.values)
-        says = f"by its ranges it is ({where}) m from where it is said to be (± {worst:.2g} m)"
-    elif not fits:
-        why = "it is not in line of sight, or elsewhere" if value > 0 else "it is elsewhere"
-        says = f"its ranges are {value:.2g} m longer than others (± {worst:.2g} m): {why}"
-    elif bound > _TOLD * let:
-        fits, says = None, _UNTOLD[kind]
+def _usual(biases: dict[int, float], k: int) -> float:
+    """Return the median of the biases of other anchors."""
+    return float(np.median([bias for other, bias in biases.items() if other != k] or [0.0]))
+
+
+def _judged(
+    kind: str, name: str, values: Array, deviations: Array, blocks: int, let: float, many: int
+) -> Finding:
+    """Judge the displacement or the bias of one of many anchors."""
+    d, worst, size = len(values), float(deviations.max()), float(np.linalg.norm(values))
+    bound = let + quantile(blocks, many * d) * worst * float(np.sqrt(d))
+    value = size if kind == "place" else float(values[0])
+    fits = size <= bound
+    if kind == "place":
+        where = ", ".join(f"{x:.2g}" for x in values)
+        wrong = f"by its ranges it is ({where}) m from where it is said to be (± {worst:.2g} m)"
+        says = "it is where it is said to be" if fits else wrong
     else:
-        says = "it is where it is said to be" if place else "its ranges are as long as others"
-    return Finding(kind, who, value, 0 if place else -bound, float(bound), fits, says)
+        why = "it is not in line of sight, or elsewhere" if value > 0 else "it is elsewhere"
+        wrong = f"its ranges are {value:.2g} m longer than others (± {worst:.2g} m): {why}"
+        says = "its ranges are as long as others" if fits else wrong
+    low = 0.0 if kind == "place" else -bound
+    found = Finding(kind, f"anchor {name}", value, low, bound, fits, says)
+    return told_within(found, _TOLD * let, _UNTOLD[kind])
 
 
 def biases_alone(found: Calibration) -> Iterator[Finding]:
     """Yield whether each anchor's bias, by ranges alone, is as those of the others."""
-    let, many = _LET * max(found.after, _LEAST), len(found.names)
-    for name, (value, deviation) in found.told.items():
-        others = [other for each, (other, _) in found.told.items() if each != name]
-        fitted = _Fitted(
-            np.array([value - float(np.median(others))]),
-            np.array([deviation]),
-            found.after,
-            found.blocks,
-        )
-        yield _judged("bias", name.removeprefix("bias "), fitted, let, many)
+    let, biases = _LET * max(found.after, _LEAST), dict(enumerate(found.values.tolist()))
+    for k, name in enumerate(found.names):
+        value, deviation = np.array([biases[k] - _usual(biases, k)]), found.deviations[[k]]
+        anchor = name.removeprefix("bias ")
+        yield _judged("bias", anchor, value, deviation, found.blocks, let, len(biases))

@@ -10,14 +10,14 @@ import numpy as np
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.logs.blocks import FEWEST
+from inswsn_lib.logs.calibration import calibrate
 from inswsn_lib.logs.explanations import Explanations
 from inswsn_lib.logs.findings import Finding, unknown
-from inswsn_lib.logs.fit import calibrate
 from inswsn_lib.logs.likeness import BLOCK, Likeness, units_of
 from inswsn_lib.logs.reference_motion import ReferenceMotion
-from inswsn_lib.logs.set_up_anchors import FRAME, biases_alone, check_anchors
+from inswsn_lib.logs.set_up_anchors import biases_alone, check_anchors, not_told
 from inswsn_lib.logs.start import fixes_of
-from inswsn_lib.streams import Fixes, Ranges, Recording
+from inswsn_lib.streams import Fixes, Ranges, Recording, Reference
 
 _UNITS = {"feet": 3.2808, "inches": 39.37, "cm": 100.0, "mm": 1000.0, "km": 1e-3}
 _OTHER = {unit: 1 / size for unit, size in _UNITS.items() if unit != "km"}
@@ -28,11 +28,11 @@ _MOST = 4000  # ranges by which a unit is tried, and fixes by which axes are
 
 def check_positions(recording: Recording) -> Iterator[Finding]:
     """Yield what can be found of ranges and fixes, by the reference where there is one."""
-    ranges, fixes = recording.ranges, recording.fixes
+    ranges, fixes, reference = recording.ranges, recording.fixes, recording.reference
     if ranges is not None and len(ranges):
-        yield from _alone(ranges) if recording.reference is None else _ranges(recording, ranges)
-    if fixes is not None and len(fixes) and recording.reference is not None:
-        yield from _fixes(recording, fixes)
+        yield from _alone(ranges) if reference is None else _ranges(recording, ranges, reference)
+    if fixes is not None and len(fixes) and reference is not None:
+        yield from _fixes(recording, fixes, reference)
 
 
 def _alone(ranges: Ranges) -> Iterator[Finding]:
@@ -66,23 +66,20 @@ def _disagreement(ranges: Ranges) -> float:
         fixes = fixes_of(ranges)
     except InswsnError:
         return np.inf
-    there = np.isfinite(fixes.position).all(axis=1)
-    if there.sum() < FEWEST:
+    fixes = fixes.kept(np.asarray(np.isfinite(fixes.position).all(axis=1)))
+    if len(fixes) < FEWEST:
         return np.inf
-    rows = np.searchsorted(fixes.time[there], ranges.time).clip(0, int(there.sum()) - 1)
-    d = fixes.position.shape[1]
-    apart = fixes.position[there][rows] - ranges.anchors[ranges.anchor, :d]
-    off = ranges.distance - np.linalg.norm(apart, axis=1)
-    return float(np.median(np.abs(off)))
+    rows = np.searchsorted(fixes.time, ranges.time).clip(0, len(fixes) - 1)
+    apart = np.linalg.norm(fixes.position[rows] - ranges.anchors[ranges.anchor], axis=1)
+    return float(np.median(np.abs(ranges.distance - apart)))
 
 
-def _ranges(recording: Recording, ranges: Ranges) -> Iterator[Finding]:
-    assert recording.reference is not None
+def _ranges(recording: Recording, ranges: Ranges, reference: Reference) -> Iterator[Finding]:
     d, who = ranges.anchors.shape[1], "ranges and reference"
-    if recording.reference.position.shape[1] < d:
+    if reference.position.shape[1] < d:
         yield unknown("axes", who, "the reference has fewer coordinates than the anchors")
         return
-    motion = ReferenceMotion(recording.reference, d)
+    motion = ReferenceMotion(reference, d)
     alike = _likeness(recording, fixes_of(ranges), motion)
     clock = 0.0 if alike is None else alike.clock
     ranges = replace(ranges, time=ranges.time - clock)
@@ -95,46 +92,39 @@ def _ranges(recording: Recording, ranges: Ranges) -> Iterator[Finding]:
     apart = motion.carried(kept.time, arm) - kept.anchors[kept.anchor]
     distance = np.maximum(np.linalg.norm(apart, axis=1), 1e-9)
     unit, known = _unit(float(np.median(kept.distance / distance)))
-    if not unit.fits and known:
-        yield unit
-        yield unknown("axes", who, "nothing else is told before the unit is right")
-        return
     axes = _axes(alike, who, "the reference's")
-    yield axes
-    if axes.fits is False:
+    if known:
+        yield from (unit, unknown("axes", who, "nothing else is told before the unit is right"))
+    elif axes.fits is False:
+        yield axes
+    else:
+        yield from (axes, unit)
+    if axes.fits is False or not unit.fits:
         return
-    yield unit
-    if not unit.fits:
-        return
-    kinds = _kinds(recording, "scale")
-    told = Explanations(recording, "ranges", kinds, ("bias",), clock)
+    told = Explanations(recording, "ranges", clock)
     right = replace(ranges, time=ranges.time - told.late)
     anchors = check_anchors(_seen(right, motion), motion, arm)
-    wrong = [anchor for finding, anchor in anchors if finding.fits is False]
+    wrong = [k for k, pair in anchors.items() if any(each.fits is False for each in pair)]
     findings = list(told.findings())
     if wrong:
         others = replace(recording, ranges=ranges.kept(~np.isin(ranges.anchor, wrong)))
-        without = Explanations(others, "ranges", kinds, ("bias",), clock)
-        turned = any(f.name == "frame" and f.fits is False for f in findings)
+        without = Explanations(others, "ranges", clock)
+        turned = any(each.name == "frame" and each.fits is False for each in findings)
         if turned and told.noise <= _AS_GOOD * without.noise:
-            anchors = [(unknown(f.name, f.subject, FRAME), k) for f, k in anchors]
+            anchors = not_told(anchors)
         else:
             findings = list(without.findings())
-    yield from (finding for finding, _ in anchors)
+    for pair in anchors.values():
+        yield from pair
     yield from findings
 
 
-def _fixes(recording: Recording, fixes: Fixes) -> Iterator[Finding]:
-    reference = recording.reference
-    assert reference is not None
+def _fixes(recording: Recording, fixes: Fixes, reference: Reference) -> Iterator[Finding]:
     d = min(fixes.position.shape[1], reference.position.shape[1])
     fixes, who = replace(fixes, position=fixes.position[:, :d]), "fixes and reference"
-    recording = replace(recording, fixes=fixes)
     alike = _likeness(recording, fixes, ReferenceMotion(reference, d))
     if alike is not None and (slope := alike.slope()).outside(*_SIZE):
-        sizes = {f"fixes in {unit}": size for unit, size in _UNITS.items()}
-        sizes |= {f"the reference in {unit}": size for unit, size in _OTHER.items()}
-        units = units_of(slope.low, slope.high, sizes)
+        units = _named(slope.low, slope.high, "fixes", "the reference")
         says = f"fixes move {slope} times as far as the reference"
         says += f": {' or '.join(units)}" if units else ""
         value = float(np.clip(1.0, slope.low, slope.high))
@@ -145,14 +135,8 @@ def _fixes(recording: Recording, fixes: Fixes) -> Iterator[Finding]:
     yield axes
     if axes.fits is not False:
         clock = 0.0 if alike is None else alike.clock
-        recording = replace(recording, fixes=replace(fixes, time=fixes.time - clock))
-        yield from Explanations(recording, "fixes", _kinds(recording), (), clock).findings()
-
-
-def _kinds(recording: Recording, *more: str) -> tuple[str, ...]:
-    assert recording.reference is not None
-    arm = () if recording.reference.attitude is None else ("lever arm",)
-    return ("clock", "frame", *arm, *more)
+        fixes = replace(fixes, time=fixes.time - clock)
+        yield from Explanations(replace(recording, fixes=fixes), "fixes", clock).findings()
 
 
 def _seen(ranges: Ranges, motion: ReferenceMotion) -> Ranges:
@@ -160,15 +144,20 @@ def _seen(ranges: Ranges, motion: ReferenceMotion) -> Ranges:
     return ranges.kept(motion.covers(ranges.time) & np.isfinite(ranges.distance))
 
 
-def _unit(ratio: float) -> tuple[Finding, list[str]]:
-    """Judge the median ratio of ranges and distances, and by which units it is explained."""
-    fits = _SIZE[0] <= ratio <= _SIZE[1]
-    units = units_of(ratio, ratio, {f"ranges in {unit}": size for unit, size in _UNITS.items()})
-    units += units_of(ratio, ratio, {f"anchors in {unit}": size for unit, size in _OTHER.items()})
-    says = "ranges are as long as the distances" if fits else (
-        f"ranges are {ratio:.3g} times the distances" + (f": {', '.join(units)}" if units else "")
-    )  # fmt: skip
-    return Finding("unit", "ranges and reference", ratio, *_SIZE, fits, says), units
+def _unit(ratio: float) -> tuple[Finding, bool]:
+    """Judge the median ratio of ranges and distances, and whether a wrong unit explains it."""
+    fits, units = _SIZE[0] <= ratio <= _SIZE[1], _named(ratio, ratio, "ranges", "anchors")
+    says = f"ranges are {ratio:.3g} times the distances"
+    says += f": {', '.join(units)}" if units else ""
+    says = "ranges are as long as the distances" if fits else says
+    found = Finding("unit", "ranges and reference", ratio, *_SIZE, fits, says)
+    return found, bool(units) and not fits
+
+
+def _named(low: float, high: float, seen: str, told: str) -> list[str]:
+    """Return the units of what is seen, or of what is told, that explain a ratio of both."""
+    sizes = {f"{seen} in {unit}": size for unit, size in _UNITS.items()}
+    return units_of(low, high, sizes | {f"{told} in {unit}": x for unit, x in _OTHER.items()})
 
 
 def _likeness(recording: Recording, fixes: Fixes, motion: ReferenceMotion) -> Likeness | None:

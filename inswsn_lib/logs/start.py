@@ -15,39 +15,37 @@ from inswsn_lib.logs.window_fits import PERIODS, enough_ranges
 from inswsn_lib.streams import Fixes, Ranges
 
 _STEP = 0.1  # s, of the clocks that are tried
-_MOST = 500  # rows or fixes that a trial looks at
+_MOST = 500  # rows and fixes that a trial looks at
+_SHARED = 0.25  # of them, that a clock must leave
 
 
 def start_at(
-    motion: ReferenceMotion,
-    rows: Rows,
-    source: Ranges | Fixes,
-    first: State,
-    kinds: list[str],
-    reach: float,
+    motion: ReferenceMotion, rows: Rows, fixes: Fixes | None, first: State, reach: float
 ) -> State:
-    """Return a state near which the best one is.
+    """Return a state near which the best one is, a clock and, where there are fixes, a frame.
 
-    Clocks of a grid are tried. With each the frame is that which takes the track to fixes with the
-    least squares (Umeyama 1991, without scale); the best leaves the least median. Without a frame
-    to find, the residuals themselves are judged, free of each anchor's median.
+    The best of a grid of clocks leaves the least median of the residuals, free of each anchor's
+    median. With each, the frame is that which takes the track to fixes.
     """
-    clocks: Array = np.zeros(1)
-    if "clock" in kinds:
-        count = round(reach / _STEP)
-        clocks = np.asarray(_STEP * np.arange(-count, count + 1))
-    if "turn" in kinds:
-        fixes = source if isinstance(source, Fixes) else fixes_of(source)
-        return _by_fixes(motion, fixes, first, clocks)
-    if len(clocks) == 1:
-        return first
-    chosen = np.zeros(len(rows.time), dtype=bool)
-    chosen[:: max(1, len(rows.time) // _MOST)] = True
-    some = rows.part(chosen)
-    tried = [
-        (_misfit(motion, some, replace(first, clock=first.clock + c)), abs(c), c) for c in clocks
-    ]
-    return replace(first, clock=first.clock + min(tried)[2])
+    rows = rows.part(np.random.default_rng(0).permutation(len(rows.time)) < _MOST)
+    if fixes is not None:
+        there = np.flatnonzero(np.isfinite(fixes.position).all(axis=1))
+        there = there[:: max(1, len(there) // _MOST)]
+        fixes = Fixes(fixes.time[there], fixes.position[there])
+    count, tried = round(reach / _STEP), []
+    for clock in sorted((_STEP * np.arange(-count, count + 1)).tolist(), key=abs):
+        state = replace(first, clock=first.clock + clock)
+        covered = rows.part(motion.covers(rows.time - state.clock))
+        placed = state if fixes is None else _in_frame(motion, fixes, state)
+        if placed and len(covered.time) >= _SHARED * len(rows.time):
+            miss = covered.level(Model(motion, covered, []).residual(placed))
+            tried.append((float(np.median(np.abs(miss))), placed))
+    if not tried and fixes is not None:
+        raise InswsnError(
+            f"The frame cannot be told: there are {len(fixes)} fixes, and too few of them are "
+            "while the reference is there."
+        )
+    return min(tried, key=lambda each: each[0], default=(0.0, first))[1]
 
 
 def fixes_of(ranges: Ranges) -> Fixes:
@@ -56,58 +54,23 @@ def fixes_of(ranges: Ranges) -> Fixes:
     return multilaterate_track(ranges, period or PERIODS[-1])
 
 
-def _misfit(motion: ReferenceMotion, rows: Rows, state: State) -> float:
-    """Return the median absolute residual, each anchor's or axis's median taken off."""
-    covered = rows.part(motion.covers(rows.time - state.clock))
-    if len(covered.time) < len(rows.time) / 4:
-        return np.inf
-    miss = Model(motion, covered, []).residual(state)
-    for k in np.unique(covered.which):
-        mine = covered.which == k
-        miss[mine] -= np.median(miss[mine])
-    return float(np.median(np.abs(miss)))
+def _in_frame(motion: ReferenceMotion, fixes: Fixes, state: State) -> State | None:
+    """Return a state with the rotation and shift that take the track to fixes; None by too few.
 
-
-def _by_fixes(motion: ReferenceMotion, fixes: Fixes, first: State, clocks: Array) -> State:
-    there = np.flatnonzero(np.isfinite(fixes.position).all(axis=1))
-    if len(clocks) > 1:
-        there = there[:: max(1, len(there) // _MOST)]
-    time, place = fixes.time[there], fixes.position[there]
-    best: tuple[float, State] = (np.inf, first)
-    for clock in clocks:
-        at = time - first.clock - clock
-        used = motion.covers(at)
-        if used.sum() < max(motion.d + 1, len(time) / 4):
-            continue
-        track = motion.carried(at[used], first.lever_arm) - motion.middle
-        turn, shift = aligned(track, place[used] - motion.middle)
-        off = np.linalg.norm(place[used] - motion.middle - track @ turn.T - shift, axis=1)
-        misfit = float(np.median(off))
-        if misfit < best[0]:
-            state = replace(first, clock=first.clock + float(clock), turn=turn, shift=shift)
-            best = (misfit, state)
-    if np.isinf(best[0]):
-        raise InswsnError(
-            f"The frame cannot be told: there are {len(time)} fixes, and too few of them are while "
-            "the reference is there."
-        )
-    return best[1]
-
-
-def aligned(track: Array, place: Array) -> tuple[Array, Array]:
-    """Return rotation and shift that take a track to places with the least squares.
-
-    In closed form (Umeyama 1991); what is far from the first solution is left out of the second.
+    They leave the least squares (Umeyama 1991); the second time without what is far off.
     """
+    used = motion.covers(fixes.time - state.clock)
+    if used.sum() < max(motion.d + 1, _SHARED * len(fixes)):
+        return None
+    track = motion.carried(fixes.time[used] - state.clock, state.lever_arm) - motion.middle
+    place = fixes.position[used] - motion.middle
     kept = np.ones(len(track), dtype=bool)
-    turn, shift = np.eye(track.shape[1]), np.zeros(track.shape[1])
     for _ in range(2):
         middle, other = track[kept].mean(axis=0), place[kept].mean(axis=0)
         left, _, right = np.linalg.svd((place[kept] - other).T @ (track[kept] - middle))
-        proper = np.ones(len(middle))
-        proper[-1] = np.copysign(1.0, np.linalg.det(left @ right))
-        turn = left @ np.diag(proper) @ right
+        left[:, -1] *= np.linalg.det(left @ right)
+        turn: Array = left @ right
         shift = other - turn @ middle
         off = np.linalg.norm(place - track @ turn.T - shift, axis=1)
         kept = off <= 3 * np.median(off) + 1e-12
-    return turn, shift
+    return replace(state, turn=turn, shift=shift)

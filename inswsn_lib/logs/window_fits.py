@@ -1,7 +1,4 @@
-"""The positions of many windows of ranges at once: sums over the rows of each window.
-
-`range_fixes` makes fixes of them, `anchor_bias` what anchors have too much.
-"""
+"""The positions of many windows of ranges at once: sums over the rows of each window."""
 
 from __future__ import annotations
 
@@ -26,7 +23,7 @@ Kind = TypeVar("Kind", bound=np.generic)
 PERIODS = (0.2, 0.5, 1.0, 2.0, 4.0)
 
 _SAVED = 1e-6  # s that compiled loops save a range
-_ROUNDS, _SAME = 3, 0.8  # of the scale of robust residuals, and what is no change of it
+_ROUNDS, _SAME = 4, 0.8  # of the scale of residuals, and what is no change of it
 _ENOUGH = 0.7  # of the intervals
 _ROUNDING = 1e-6  # of an interval
 _FLAT = 1e-4  # of the eigenvalues of an information or a scatter, the least over the largest
@@ -69,64 +66,47 @@ class WindowFit(NamedTuple):
         return by_window(rows, self.weight[:, None, None] ** 3 * squares(self.direction))
 
 
-def window_rows(
-    time: Array, period: float, window: float
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the rows of every window, one after the other, and where each window begins."""
-    # stamps that are multiples of the period, but for rounding, begin intervals
-    cell = np.floor((time - time[0]) / period + _ROUNDING).astype(int)
-    last = np.flatnonzero(np.diff(cell, append=cell[-1] + 1))  # of each interval that has a range
-    end = last + 1
-    if window == period:
-        begin = np.append(0, end[:-1])
-    else:
-        begin = np.searchsorted(time, time[0] + (cell[last] + 1 - _ROUNDING) * period - window)
-    counts = end - begin
-    first = np.append(0, np.cumsum(counts)[:-1])
-    return np.arange(counts.sum()) + np.repeat(begin - first, counts), first
-
-
 def enough_ranges(ranges: Ranges) -> float | None:
     """Return the shortest of `PERIODS` in most intervals of which a fix has enough anchors."""
-    d = ranges.anchors.shape[1]
+    d, count = ranges.anchors.shape[1], len(ranges.anchors)
     for period in PERIODS:
-        cell = np.floor((ranges.time - ranges.time[0]) / period + _ROUNDING).astype(int)
-        heard = np.unique(cell * len(ranges.anchors) + ranges.anchor) // len(ranges.anchors)
+        heard = np.unique(_intervals(ranges, period) * count + ranges.anchor) // count
         if np.mean(np.unique(heard, return_counts=True)[1] > d) >= _ENOUGH:
             return period
     return None
 
 
-def window_ranges(
-    ranges: Ranges,
-    which: NDArray[np.intp],
-    first: NDArray[np.intp],
-    bias: Array,
-    d: int,
-    level: float | None,
-) -> WindowRanges:
-    """Return the ranges of the windows, ordered by anchor within each."""
-    inside = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(which))))
-    order = np.lexsort((ranges.anchor[which], inside))
-    anchor: Whole = ranges.anchor[which][order]
-    new = (np.diff(inside, prepend=-1) != 0) | (np.diff(anchor, prepend=-1) != 0)
-    groups = np.flatnonzero(new)
+def _intervals(ranges: Ranges, period: float) -> Whole:
+    """Return in which interval each range is; those that begin with a stamp have it inside."""
+    found: Whole = np.floor((ranges.time - ranges.time[0]) / period + _ROUNDING).astype(int)
+    return found
+
+
+def window_ranges(ranges: Ranges, period: float, height: float | None = None) -> WindowRanges:
+    """Return the ranges of each interval that has some, s, as of a tag whose height is known, m."""
+    d = ranges.anchors.shape[1] if height is None else 2
+    interval = _intervals(ranges, period)
+    order = np.lexsort((ranges.anchor, interval))
+    anchor: Whole = ranges.anchor[order]
+    new = np.diff(interval[order], prepend=-1) != 0
+    windows = np.flatnonzero(new)
+    groups = np.flatnonzero(new | (np.diff(anchor, prepend=-1) != 0))
     return WindowRanges(
-        ranges.anchors[anchor, :d],
-        np.zeros(len(anchor)) if level is None else ranges.anchors[anchor, 2] - level,
-        ranges.distance[which][order] - bias[anchor],
-        first,
-        groups,
-        np.searchsorted(groups, first),
-        anchor,
-        ranges.time[which][order],
+        place=ranges.anchors[anchor, :d],
+        height=np.zeros(len(anchor)) if height is None else ranges.anchors[anchor, 2] - height,
+        distance=ranges.distance[order],
+        windows=windows,
+        groups=groups,
+        in_window=np.searchsorted(groups, windows),
+        anchor=anchor,
+        time=ranges.time[order],
     )
 
 
 def fit_windows(
-    rows: WindowRanges, *, robust: bool = True, near: WindowFit | None = None, side: float = 0.0
+    rows: WindowRanges, *, near: WindowFit | None = None, side: float = 0.0
 ) -> WindowFit:
-    """Return the positions of all windows by soft-l1, or by least squares.
+    """Return the positions of all windows by soft-l1.
 
     Where positions are known to be near those of another fit, they begin there. Else, where the
     anchors of a window lie almost in a plane, or on a line in two dimensions, the positions on both
@@ -135,13 +115,13 @@ def fit_windows(
     positions before and after.
     """
     if near is not None:
-        return _fitted(rows, near.position, near.told, robust)
+        return _fitted(rows, near.position, near.told)
     spread = _spread(rows)
     if not spread.thin.any():
         start = linear_start(rows.place, rows.height, rows.distance, rows.windows, ~spread.told)
-        return _fitted(rows, start, spread.told, robust)
-    both = [_fitted(rows, start, spread.told, robust) for start in _sides(rows, spread)]
-    return _chosen(rows, both[0], both[1], _side(rows, spread, both[0], both[1], side))
+        return _fitted(rows, start, spread.told)
+    above, below = (_fitted(rows, start, spread.told) for start in _sides(rows, spread))
+    return _chosen(rows, above, below, _side(rows, spread, above, below, side))
 
 
 def _side(
@@ -246,21 +226,21 @@ def _sides(rows: WindowRanges, spread: _Spread) -> tuple[Array, Array]:
     return start + away[:, None] * across, start - away[:, None] * across
 
 
-def _fitted(rows: WindowRanges, position: Array, told: Mask, robust: bool) -> WindowFit:
+def _fitted(rows: WindowRanges, position: Array, told: Mask) -> WindowFit:
     """Return the positions of least loss near others; the noise is of windows that are told."""
-    position = _descended(rows, position, np.inf)
-    direction, miss = misses(rows, position)
-    noise = _scale(rows, miss, told)
-    weight = np.ones(len(miss))
-    for _ in range(_ROUNDS if robust else 0):
-        if noise == 0:
-            break
-        position = _descended(rows, position, noise)
-        direction, miss = misses(rows, position)
-        weight = _soft_weights(miss, noise)
+    noise, weight = np.inf, np.ones(len(rows.distance))
+    for _ in range(_ROUNDS):
+        position = least_positions(
+            rows.place, rows.height, rows.distance, rows.windows, position, noise,
+            saves=_SAVED * len(rows.distance),
+        )  # fmt: skip
+        at = each_row(rows, position)
+        direction, miss = misses_from(rows.place, rows.height, rows.distance, at)
+        # with which least squares have the same gradient as soft-l1
+        weight = 1 / np.sqrt(1 + (miss / noise) ** 2)
         noise, before = _scale(rows, miss, told), noise
         # least squares spread a gross error over all residuals, and so make the scale too large
-        if noise > _SAME * before:
+        if noise == 0 or noise > _SAME * before:
             break
     fit = WindowFit(position, ~told, direction, miss, weight, noise, told)
     return fit._replace(bad=~told | _is_flat(fit.information(rows)))
@@ -297,27 +277,10 @@ def _is_flat(matrices: Array) -> Mask:
     return np.asarray(values[:, 0] <= _FLAT * values[:, -1])
 
 
-def misses(rows: WindowRanges, position: Array) -> tuple[Array, Array]:
-    """Return the directions from the anchors, and what the ranges have more than the distances."""
-    return misses_from(rows.place, rows.height, rows.distance, each_row(rows, position))
-
-
-def _soft_weights(miss: Array, scale: float) -> Array:
-    """Return the weights with which least squares have the same gradient as soft-l1."""
-    return np.asarray(1 / np.sqrt(1 + (miss / scale) ** 2))
-
-
-def _descended(rows: WindowRanges, position: Array, scale: float) -> Array:
-    saves = _SAVED * len(rows.distance)
-    return least_positions(
-        rows.place, rows.height, rows.distance, rows.windows, position, scale, saves=saves
-    )
-
-
-def _scale(rows: WindowRanges, miss: Array, redundant: Mask) -> float:
+def _scale(rows: WindowRanges, miss: Array, told: Mask) -> float:
     """Return the deviation of a range, from the median of the residuals' absolute values."""
-    used = miss[each_row(rows, redundant)]
+    used = miss[each_row(rows, told)]
     if not used.size:
         return 0.0
-    freedom = 1 - rows.place.shape[1] * redundant.sum() / used.size
+    freedom = 1 - rows.place.shape[1] * told.sum() / used.size
     return float(_TO_DEVIATION * np.median(np.abs(used)) / np.sqrt(freedom))

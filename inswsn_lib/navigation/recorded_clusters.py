@@ -13,8 +13,9 @@ from inswsn_lib.errors import InswsnError
 from inswsn_lib.filters import intersect
 from inswsn_lib.inertial import PositionFixes
 from inswsn_lib.logs import Ladder, multilaterate_track
-from inswsn_lib.logs.correction import COLOURED, UP
+from inswsn_lib.logs.correction import COLOURED
 from inswsn_lib.logs.estimates import Estimate, scores
+from inswsn_lib.logs.network_fixes import UP
 from inswsn_lib.streams import Fixes, Ranges, Whole
 
 

@@ -43,7 +43,9 @@ def test_a_figure_in_the_style_of_the_book() -> None:
         assert axis.get_major_formatter()(12.4) == "12%"
 
 
-def draw(*axes: str, values: tuple[Any, ...] = (1.0, 10.0), low: float = -1) -> Any:
+def draw(
+    *axes: str, values: tuple[Any, ...] = (1.0, 10.0), low: float = -1, looks: Any = None
+) -> Any:
     rows = [
         dict(zip(axes, place, strict=True))
         | {"method": method, "column": column, "unit": "m", "median": factor * median}
@@ -52,7 +54,7 @@ def draw(*axes: str, values: tuple[Any, ...] = (1.0, 10.0), low: float = -1) -> 
         for column, factor in (("error", 1.0), ("time", 7.0))
         for method, median in (("one", 3.0), ("two", 4.0), ("third", 1e6))
     ]
-    return draw_scores(pd.DataFrame(rows), {a: UNITS[a] for a in axes}, "error", METHODS)
+    return draw_scores(pd.DataFrame(rows), {a: UNITS[a] for a in axes}, "error", METHODS, looks)
 
 
 def test_a_chart_for_each_value_of_the_other_axes() -> None:
@@ -99,21 +101,7 @@ def test_what_cannot_be_drawn(axes: list[str], values: tuple[Any, ...]) -> None:
 
 
 def test_a_method_with_a_stroke_of_its_own() -> None:
-    rows = [
-        {
-            "method": m,
-            "column": "error",
-            "unit": "m",
-            "told": t,
-            "median": 2.0,
-            "low": 1.0,
-            "high": 3.0,
-        }
-        for m in METHODS
-        for t in (1.0, 10.0)
-    ]
-    looks = {"two": stroke("coloured")}
-    fig = draw_scores(pd.DataFrame(rows), {"told": "1"}, "error", METHODS, looks)
+    fig = draw("told", looks={"two": stroke("coloured")})
     one, two = fig.axes[0].get_lines()
     assert (one.get_color(), one.get_linestyle()) == (COLOURS["reproduced"], ":")
     assert (two.get_color(), two.get_linestyle()) == (STROKES["kalman"].colour, "--")

@@ -11,9 +11,6 @@ import pytest
 
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.scenario import (
-    ANY,
-    NOT_NEGATIVE,
-    POSITIVE,
     Pair,
     Range,
     Setting,
@@ -45,13 +42,6 @@ GOOD = {
     "reach": 1, "power": 1.0, "kind": "hall", "word": "any", "size": [10, 1], "span": [0, 5],
     "corners": [[-1, 1], [0, 0], [1, -1]], "count": 2, "other": 5,
 }  # fmt: skip
-
-
-def test_ranges_of_which_no_more_is_known() -> None:
-    assert 0 < POSITIVE[0] < 1e-6
-    assert NOT_NEGATIVE[0] == 0
-    assert ANY[0] == -ANY[1]
-    assert POSITIVE[1] == NOT_NEGATIVE[1] == ANY[1] == 1e9
 
 
 def told(values: dict[str, Any]) -> dict[str, Setting]:

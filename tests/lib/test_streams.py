@@ -10,18 +10,11 @@ from inswsn_lib.streams import Fixes, Imu, Odometry, Ranges, Recording, Referenc
 
 
 def walk() -> Recording:
-    return Recording(
-        "walk",
-        imu=Imu(time=np.arange(0.0, 5.0, 0.5), rate=np.zeros((10, 3)), force=np.ones((10, 3))),
-        ranges=Ranges(
-            time=np.array([0.25, 0.25, 6.0]),
-            anchor=np.array([0, 1, 0]),
-            distance=np.array([1.0, 2.0, 3.0]),
-            anchors=np.eye(2),
-            names=("A", "B"),
-        ),
-        fixes=Fixes(time=np.array([1.0, 2.0]), position=np.zeros((2, 2)), good=np.ones(2, bool)),
-    )
+    imu = Imu(time=np.arange(0.0, 5.0, 0.5), rate=np.zeros((10, 3)), force=np.ones((10, 3)))
+    ranges = Ranges(np.array([0.25, 0.25, 6.0]), np.array([0, 1, 0]), np.array([1.0, 2.0, 3.0]),
+                    np.eye(2), ("A", "B"))  # fmt: skip
+    fixes = Fixes(time=np.array([1.0, 2.0]), position=np.zeros((2, 2)), good=np.ones(2, bool))
+    return Recording("walk", imu=imu, ranges=ranges, fixes=fixes)
 
 
 def test_a_recording_spans_all_its_streams() -> None:

@@ -32,53 +32,40 @@ class Exact(NamedTuple):
     state: np.ndarray
 
 
-def decimals(matrix: np.ndarray) -> list[list[Decimal]]:
-    return [[Decimal(float(x)) for x in row] for row in matrix]
+def decimals(matrix: np.ndarray) -> np.ndarray:
+    return np.vectorize(Decimal, otypes=[object])(matrix)
 
 
 def reference(
     model: ErrorModel, Q: np.ndarray, P0: np.ndarray, y: np.ndarray, shown: Collection[int]
 ) -> dict[int, Exact]:
     """Return what a Kalman filter of 50 digits has at some steps; R is diagonal."""
-    n = range(len(model.A))
-    A, C, noise, P = decimals(model.A), decimals(model.C), decimals(Q), decimals(P0)
-    r = [Decimal(float(x)) for x in np.diag(model.measurement_covariance)]
-    x, found = [Decimal(0)] * len(n), {}
+    A, C, noise, P = map(decimals, (model.A, model.C, Q, P0))
+    r = decimals(np.diag(model.measurement_covariance))
+    x, found = decimals(np.zeros(len(A))), {}
     with localcontext(DIGITS):
         for k, row in enumerate(y):
             before = P
             for h, variance, value in zip(C, r, row.tolist(), strict=True):
-                if math.isnan(value):
-                    continue
-                Ph = [sum(P[a][b] * h[b] for b in n if h[b]) for a in n]
-                s = sum(h[a] * Ph[a] for a in n if h[a]) + variance
-                e = (Decimal(value) - sum(h[a] * x[a] for a in n if h[a])) / s
-                x = [x[a] + Ph[a] * e for a in n]
-                P = [[P[a][b] - Ph[a] * Ph[b] / s for b in n] for a in n]
+                if not math.isnan(value):
+                    Ph = P @ h
+                    gain = Ph / (h @ Ph + variance)
+                    x = x + gain * (Decimal(value) - h @ x)
+                    P = P - np.outer(gain, Ph)
             if k in shown:
-                found[k] = Exact(*(np.array(v, dtype=float) for v in (before, P, x)))
-            x = [sum(A[a][b] * x[b] for b in n if A[a][b]) for a in n]
-            half = [[sum(A[a][c] * P[c][b] for c in n if A[a][c]) for b in n] for a in n]
-            P = [
-                [sum(half[a][c] * A[b][c] for c in n if A[b][c]) + noise[a][b] for b in n]
-                for a in n
-            ]
+                found[k] = Exact(*(v.astype(float) for v in (before, P, x)))
+            x, P = A @ x, A @ P @ A.T + noise
     return found
 
 
 def constant(model: ErrorModel, gain: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return the predictions of a filter of constant gain, in 50 digits, before each step."""
-    A, C, B_f = decimals(model.A), decimals(model.C), decimals(gain)
-    n, m = range(len(A)), range(len(C))
-    x, found = [Decimal(0)] * len(n), []
+    A, C, B_f = map(decimals, (model.A, model.C, gain))
+    x, found = decimals(np.zeros(len(A))), []
     with localcontext(DIGITS):
-        for row in y.tolist():
-            found.append([float(value) for value in x])
-            e = [
-                Decimal(0) if math.isnan(v) else Decimal(v) - sum(C[j][b] * x[b] for b in n)
-                for j, v in enumerate(row)
-            ]
-            x = [sum(A[a][b] * x[b] for b in n) + sum(B_f[a][j] * e[j] for j in m) for a in n]
+        for row in decimals(y):
+            found.append(x.astype(float))
+            x = A @ x + B_f @ (row - C @ x)
     return np.array(found)
 
 

@@ -83,10 +83,7 @@ def test_what_is_killed_goes_on(
 
 
 def kill_builds(
-    source: Path,
-    number: int,
-    chance: random.Random,
-    what_stays: Callable[[Project], list[object]],
+    source: Path, number: int, chance: random.Random, what_stays: Callable[[Project], list[object]]
 ) -> None:
     """Kill a build at so many moments; the first one is not disturbed."""
     stays, seconds = [], 0.0

@@ -142,134 +142,72 @@ Mistake = Callable[[Walk, Random], tuple[str, ...]]
 KINDS: dict[str, Mistake] = {}
 
 
-def kind(mistake: Mistake) -> Mistake:
-    """Name a mistake by its function."""
-    KINDS[mistake.__name__] = mistake
-    return mistake
+def called(*names: str) -> Callable[[Callable[[Walk, Random], None]], None]:
+    """Add a mistake, named by its function, with the names that a finding may have."""
+
+    def add(change: Callable[[Walk, Random], None]) -> None:
+        def mistake(walk: Walk, rng: Random) -> tuple[str, ...]:
+            walk.referenced |= change.__name__.startswith("reference")
+            change(walk, rng)
+            return names
+
+        KINDS[change.__name__] = mistake
+
+    return add
 
 
-def shifted(walk: Walk, lag: np.ndarray | float) -> np.ndarray:
-    return walk.at(walk.time - lag)
+def late(who: str, lag: Callable[[Walk, Random], np.ndarray | float], *names: str) -> None:
+    """Add a mistake: a part of the recording is of an earlier time, by a lag (s)."""
+
+    def mistake(walk: Walk, rng: Random) -> tuple[str, ...]:
+        walk.referenced |= who == "reference"
+        noise = {"wsn": walk.fix_noise, "ins": walk.drift, "reference": 0.0}[who]
+        setattr(walk, who, walk.at(walk.time - lag(walk, rng)) + noise)
+        return names
+
+    KINDS[f"{who}_late_{len(KINDS)}"] = mistake
 
 
-@kind
-def network_late(walk: Walk, rng: Random) -> tuple[str, ...]:
-    walk.wsn = shifted(walk, rng.uniform(0.1, 3)) + walk.fix_noise
-    return ("time",)
+def either(rng: Random, least: float, most: float) -> float:
+    """Draw a size of either sign."""
+    return float(rng.choice([-1, 1]) * rng.uniform(least, most))
 
 
-@kind
-def network_early(walk: Walk, rng: Random) -> tuple[str, ...]:
-    walk.wsn = shifted(walk, -rng.uniform(0.1, 3)) + walk.fix_noise
-    return ("time",)
-
-
-@kind
-def network_clock_gains(walk: Walk, rng: Random) -> tuple[str, ...]:
-    walk.wsn = (
-        shifted(walk, rng.choice([-1, 1]) * rng.uniform(0.005, 0.05) * walk.time) + walk.fix_noise
-    )
-    return ("clock", "time")
-
-
-@kind
-def network_of_another_hour(walk: Walk, rng: Random) -> tuple[str, ...]:
-    walk.wsn = shifted(walk, rng.uniform(500, 3600)) + walk.fix_noise
-    return ("run",)
-
-
-@kind
-def network_late_from_the_middle_on(walk: Walk, rng: Random) -> tuple[str, ...]:
-    late = np.where(walk.time > walk.time[-1] / 2, rng.uniform(1, 3), 0.0)
-    walk.wsn = shifted(walk, late) + walk.fix_noise
-    return ("clock", "time", "outliers", "size", "colour", "whiteness", "run", "misfit")
-
-
-@kind
-def ins_late(walk: Walk, rng: Random) -> tuple[str, ...]:
-    walk.ins = shifted(walk, rng.uniform(0.2, 3)) + walk.drift
-    return ("time",)
-
-
-@kind
-def reference_late(walk: Walk, rng: Random) -> tuple[str, ...]:
-    walk.referenced = True
-    walk.reference = shifted(walk, rng.choice([-1, 1]) * rng.uniform(0.2, 3))
-    return ("time",)
+late("wsn", lambda _, rng: either(rng, 0.1, 3), "time")
+late("wsn", lambda walk, rng: either(rng, 0.005, 0.05) * walk.time, "clock", "time")
+late("wsn", lambda _, rng: rng.uniform(500, 3600), "run")
+late("wsn", lambda walk, rng: np.where(walk.time > walk.time[-1] / 2, rng.uniform(1, 3), 0.0),
+     "clock", "time", "outliers", "size", "colour", "whiteness", "run", "misfit")  # fmt: skip
+late("ins", lambda _, rng: rng.uniform(0.2, 3), "time")
+late("reference", lambda _, rng: either(rng, 0.2, 3), "time")
 
 
 def turned(who: str, matrix: Callable[[Random], np.ndarray], *names: str) -> Mistake:
     def mistake(walk: Walk, rng: Random) -> tuple[str, ...]:
-        if who == "reference":
-            walk.referenced = True
+        walk.referenced |= who == "reference"
         setattr(walk, who, getattr(walk, who) @ matrix(rng).T)
         return names
 
     return mistake
 
 
-FRAMES: dict[str, tuple[Callable[[Random], np.ndarray], tuple[str, ...]]] = {
-    "turned": (lambda rng: turn(rng.choice([-1, 1]) * rng.uniform(0.05, 1.5)), ("frame",)),
-    "turned_by_90": (lambda rng: turn(rng.choice([-1, 1]) * np.pi / 2), ("frame",)),
-    "turned_by_180": (lambda rng: turn(np.pi), ("frame",)),
-    "mirrored": (lambda rng: MIRROR * rng.choice([-1, 1]), ("axes",)),
-    "exchanged": (lambda rng: EXCHANGE, ("axes",)),
-    "in_feet": (lambda rng: 3.2808 * np.eye(4), ("scale",)),
-    "in_yards": (lambda rng: 1.0936 * np.eye(4), ("scale",)),
-    "in_cm": (lambda rng: 100 * np.eye(4), ("scale",)),
-    "in_mm": (lambda rng: 1000 * np.eye(4), ("scale",)),
-    "in_km": (lambda rng: 0.001 * np.eye(4), ("scale",)),
-    "scaled": (lambda rng: rng.choice([rng.uniform(1.05, 1.5), rng.uniform(0.6, 0.95)]) * np.eye(4),
-               ("scale",)),
+FRAMES: dict[str, tuple[Callable[[Random], np.ndarray], str]] = {
+    "turned": (lambda rng: turn(either(rng, 0.05, 1.5)), "frame"),
+    "turned_by_90": (lambda rng: turn(rng.choice([-1, 1]) * np.pi / 2), "frame"),
+    "turned_by_180": (lambda rng: turn(np.pi), "frame"),
+    "mirrored": (lambda rng: MIRROR * rng.choice([-1, 1]), "axes"),
+    "exchanged": (lambda rng: EXCHANGE, "axes"),
+    "in_another_unit": (
+        lambda rng: rng.choice([3.2808, 1.0936, 100.0, 1000.0, 0.001]) * np.eye(4), "scale"
+    ),
+    "scaled": (
+        lambda rng: rng.choice([rng.uniform(1.05, 1.5), rng.uniform(0.6, 0.95)]) * np.eye(4),
+        "scale",
+    ),
 }  # fmt: skip
 for who in ("wsn", "ins", "reference"):
-    for what, (matrix, names) in FRAMES.items():
-        KINDS[f"{who}_{what}"] = turned(who, matrix, *names)
-
-
-@kind
-def reference_of_another_origin(walk: Walk, rng: Random) -> tuple[str, ...]:
-    walk.referenced = True
-    walk.reference[:, :2] += rng.uniform(0.5, 50) * np.array([1, -1])
-    return ("origin",)
-
-
-@kind
-def network_of_another_origin(walk: Walk, rng: Random) -> tuple[str, ...]:
-    walk.wsn[:, :2] += rng.uniform(20, 500) * np.array([1, -1])
-    return ("origin", "start")
-
-
-@kind
-def network_jumps_to_another_origin(walk: Walk, rng: Random) -> tuple[str, ...]:
-    walk.wsn[walk.steps // 2 :, :2] += rng.uniform(20, 100)
-    return ("outliers", "origin", "run")
-
-
-@kind
-def network_velocities_turned(walk: Walk, rng: Random) -> tuple[str, ...]:
-    walk.with_velocities = True
-    walk.wsn[:, 2:] = walk.wsn[:, 2:] @ turn(rng.uniform(0.5, 1.5))[:2, :2].T
-    return ("frame", "run")
-
-
-@kind
-def network_velocities_exchanged(walk: Walk, rng: Random) -> tuple[str, ...]:
-    walk.with_velocities = True
-    walk.wsn[:, 2:] = walk.wsn[:, [3, 2]]
-    return ("axes", "frame", "run")
-
-
-@kind
-def ins_velocities_exchanged(walk: Walk, rng: Random) -> tuple[str, ...]:
-    walk.ins[:, 2:] = walk.ins[:, [3, 2]]
-    return ("itself",)
-
-
-@kind
-def ins_velocities_in_kmh(walk: Walk, rng: Random) -> tuple[str, ...]:
-    walk.ins[:, 2:] *= 3.6
-    return ("itself",)
+    for what, (matrix, name) in FRAMES.items():
+        KINDS[f"{who}_{what}"] = turned(who, matrix, name)
 
 
 def stretch(walk: Walk, rng: Random, rows: int = 40) -> slice:
@@ -277,177 +215,166 @@ def stretch(walk: Walk, rng: Random, rows: int = 40) -> slice:
     return slice(begin, begin + rows)
 
 
-@kind
-def network_stuck(walk: Walk, rng: Random) -> tuple[str, ...]:
+def smoothed(noise: np.ndarray, fixes: int) -> np.ndarray:
+    return np.column_stack([np.convolve(x, np.ones(fixes) / fixes, "same") for x in noise.T])
+
+
+# The network's ------------------------------------------------------------------------------------
+
+
+@called("origin", "start")
+def network_of_another_origin(walk: Walk, rng: Random) -> None:
+    walk.wsn[:, :2] += rng.uniform(20, 500) * np.array([1, -1])
+
+
+@called("outliers", "origin", "run")
+def network_jumps_to_another_origin(walk: Walk, rng: Random) -> None:
+    walk.wsn[walk.steps // 2 :, :2] += rng.uniform(20, 100)
+
+
+@called("axes", "frame", "run")
+def network_velocities_turned(walk: Walk, rng: Random) -> None:
+    walk.with_velocities = True
+    axes = EXCHANGE if rng.random() < 0.5 else turn(rng.uniform(0.5, 1.5))
+    walk.wsn[:, 2:] = walk.wsn[:, 2:] @ axes[2:, 2:].T
+
+
+@called("repeats")
+def network_stuck(walk: Walk, rng: Random) -> None:
     part = stretch(walk, rng, 60)
     walk.wsn[part] = walk.wsn[part.start]
-    return ("repeats",)
 
 
-@kind
-def network_held(walk: Walk, rng: Random) -> tuple[str, ...]:
+@called("repeats")
+def network_held(walk: Walk, rng: Random) -> None:
     every = int(rng.integers(2, 10)) * walk.every
     walk.wsn = walk.wsn[np.arange(walk.steps) // every * every]
     walk.heard[:] = True
-    return ("repeats",)
 
 
-@kind
-def network_interpolated(walk: Walk, rng: Random) -> tuple[str, ...]:
-    every = int(rng.integers(3, 10))
-    rows = np.arange(walk.steps)
+@called("repeats", "colour", "whiteness", "size", "copy")
+def network_interpolated(walk: Walk, rng: Random) -> None:
+    every, rows = int(rng.integers(3, 10)), np.arange(walk.steps)
     walk.wsn = np.column_stack([np.interp(rows, rows[::every], x[::every]) for x in walk.wsn.T])
     walk.heard[:] = True
-    return ("repeats", "colour", "whiteness", "size", "copy")
 
 
-@kind
-def network_smoothed(walk: Walk, rng: Random) -> tuple[str, ...]:
-    kernel = np.ones(5) / 5
-    smooth = [np.convolve(x, kernel, "same") for x in walk.fix_noise.T]
-    walk.wsn = walk.truth + np.column_stack(smooth)
+@called("colour", "whiteness", "size")
+def network_smoothed(walk: Walk, rng: Random) -> None:
+    walk.wsn = walk.truth + smoothed(walk.fix_noise, 5)
     walk.heard[:] = True
-    return ("colour", "whiteness", "size")
 
 
-@kind
-def network_zeros_for_gaps(walk: Walk, rng: Random) -> tuple[str, ...]:
-    walk.wsn[stretch(walk, rng)] = 0.0
+@called("repeats")
+def network_filled(walk: Walk, rng: Random) -> None:
+    walk.wsn[stretch(walk, rng)] = rng.choice([0.0, -9999.0])
     walk.heard[:] = True
-    return ("repeats",)
 
 
-@kind
-def network_filled_with_9999(walk: Walk, rng: Random) -> tuple[str, ...]:
-    walk.wsn[stretch(walk, rng)] = -9999
-    walk.heard[:] = True
-    return ("repeats",)
-
-
-@kind
-def network_clipped(walk: Walk, rng: Random) -> tuple[str, ...]:
+@called("repeats")
+def network_clipped(walk: Walk, rng: Random) -> None:
     walk.wsn[:, 0] = np.minimum(walk.wsn[:, 0], np.quantile(walk.wsn[walk.heard, 0], 0.8))
-    return ("repeats",)
 
 
-@kind
-def network_spikes(walk: Walk, rng: Random) -> tuple[str, ...]:
+@called("outliers")
+def network_spikes(walk: Walk, rng: Random) -> None:
     rows = rng.choice(np.flatnonzero(walk.heard)[3:], 5, replace=False)
     walk.wsn[rows, :2] += rng.choice([-1, 1], (5, 2)) * rng.uniform(10, 100) * walk.noise[0]
-    return ("outliers",)
 
 
-@kind
-def network_1e200(walk: Walk, rng: Random) -> tuple[str, ...]:
+@called("outliers")
+def network_1e200(walk: Walk, rng: Random) -> None:
     walk.wsn[int(rng.choice(np.flatnonzero(walk.heard))), 0] = 1e200
-    return ("outliers",)
 
 
-@kind
-def network_shuffled(walk: Walk, rng: Random) -> tuple[str, ...]:
-    walk.wsn = walk.wsn[rng.permutation(walk.steps)]
-    return ("run", "size", "outliers", "noise")
+@called("run", "size", "outliers", "noise")
+def network_in_another_order(walk: Walk, rng: Random) -> None:
+    backwards = np.arange(walk.steps)[::-1]
+    walk.wsn = walk.wsn[backwards if rng.random() < 0.5 else rng.permutation(walk.steps)]
 
 
-@kind
-def network_backwards(walk: Walk, rng: Random) -> tuple[str, ...]:
-    walk.wsn = walk.wsn[::-1]
-    return ("run", "size", "outliers", "noise")
+@called("size")
+def network_noise_of_another_size(walk: Walk, rng: Random) -> None:
+    factor = rng.choice([rng.uniform(1.7, 4), rng.uniform(0.2, 0.55)])
+    walk.wsn = walk.truth + factor * walk.fix_noise
 
 
-@kind
-def network_noise_larger(walk: Walk, rng: Random) -> tuple[str, ...]:
-    walk.wsn = walk.truth + rng.uniform(1.7, 4) * walk.fix_noise
-    return ("size",)
-
-
-@kind
-def network_noise_smaller(walk: Walk, rng: Random) -> tuple[str, ...]:
-    walk.wsn = walk.truth + rng.uniform(0.2, 0.55) * walk.fix_noise
-    return ("size",)
-
-
-@kind
-def network_noise_with_memory(walk: Walk, rng: Random) -> tuple[str, ...]:
+@called("colour", "whiteness", "size")
+def network_noise_with_memory(walk: Walk, rng: Random) -> None:
     e, share = walk.fix_noise, rng.uniform(0.6, 0.9)
     for k in range(1, walk.steps):
         e[k] = share * e[k - 1] + np.sqrt(1 - share**2) * e[k]
     walk.wsn, walk.every, walk.heard[:] = walk.truth + e, 1, True
-    return ("colour", "whiteness", "size")
 
 
-@kind
-def ins_stuck(walk: Walk, rng: Random) -> tuple[str, ...]:
-    part = stretch(walk, rng, 40)
-    walk.ins[part, :2] = walk.ins[part.start, :2]
-    return ("itself",)
+# The INS's ----------------------------------------------------------------------------------------
 
 
-@kind
-def ins_all_stuck(walk: Walk, rng: Random) -> tuple[str, ...]:
+@called("itself")
+def ins_velocities_of_other_axes_or_in_kmh(walk: Walk, rng: Random) -> None:
+    walk.ins[:, 2:] = walk.ins[:, [3, 2]] if rng.random() < 0.5 else 3.6 * walk.ins[:, 2:]
+
+
+@called("itself")
+def ins_stuck(walk: Walk, rng: Random) -> None:
     part = stretch(walk, rng, 60)
-    walk.ins[part] = walk.ins[part.start]
-    return ("itself",)
+    columns = slice(None, rng.choice([2, 4]))
+    walk.ins[part, columns] = walk.ins[part.start, columns]
 
 
-@kind
-def ins_set_back(walk: Walk, rng: Random) -> tuple[str, ...]:
+@called("itself")
+def ins_set_back(walk: Walk, rng: Random) -> None:
     for row in rng.choice(np.arange(30, walk.steps - 30), 4, replace=False):
         walk.ins[row:, :2] += rng.uniform(5, 20, 2)
-    return ("itself",)
 
 
-@kind
-def ins_already_corrected(walk: Walk, rng: Random) -> tuple[str, ...]:
+@called("size", "itself")
+def ins_already_corrected(walk: Walk, rng: Random) -> None:
     walk.ins = walk.wsn.copy()
     walk.heard[:] = True
-    return ("size", "itself")
 
 
-@kind
-def reference_is_the_network(walk: Walk, rng: Random) -> tuple[str, ...]:
-    walk.referenced, walk.with_velocities = True, True
+# The reference's ----------------------------------------------------------------------------------
+
+
+@called("origin")
+def reference_of_another_origin(walk: Walk, rng: Random) -> None:
+    walk.reference[:, :2] += rng.uniform(0.5, 50) * np.array([1, -1])
+
+
+@called("copy")
+def reference_is_the_network(walk: Walk, rng: Random) -> None:
+    walk.with_velocities = True
     walk.reference = walk.wsn.copy()
-    return ("copy",)
 
 
-@kind
-def reference_is_the_network_smoothed(walk: Walk, rng: Random) -> tuple[str, ...]:
-    walk.referenced = True
+@called("copy")
+def reference_is_the_network_smoothed(walk: Walk, rng: Random) -> None:
     walk.heard[:] = True
-    kernel = np.ones(3) / 3
-    smooth = [np.convolve(x, kernel, "same") for x in walk.fix_noise.T]
-    walk.reference = walk.truth + np.column_stack(smooth)
-    return ("copy",)
+    walk.reference = walk.truth + smoothed(walk.fix_noise, 3)
 
 
-@kind
-def reference_as_noisy_as_the_network(walk: Walk, rng: Random) -> tuple[str, ...]:
-    walk.referenced, walk.heard[:] = True, True
+@called("noise")
+def reference_as_noisy_as_the_network(walk: Walk, rng: Random) -> None:
+    walk.heard[:] = True
     walk.reference = walk.truth + np.repeat(walk.noise, 2) * rng.standard_normal((walk.steps, 4))
-    return ("noise",)
 
 
-@kind
-def reference_of_another_run(walk: Walk, rng: Random) -> tuple[str, ...]:
-    walk.referenced = True
+@called("run")
+def reference_of_another_run(walk: Walk, rng: Random) -> None:
     walk.reference = Walk(rng, walk.period, walk.steps).truth
-    return ("run",)
 
 
-@kind
-def reference_held(walk: Walk, rng: Random) -> tuple[str, ...]:
-    walk.referenced = True
+@called("itself", "time", "noise", "run")
+def reference_held(walk: Walk, rng: Random) -> None:
     every = max(2, round(rng.uniform(1, 3) / walk.period))
     walk.reference = walk.truth[np.arange(walk.steps) // every * every]
-    return ("itself", "time", "noise", "run")
 
 
-@kind
-def reference_is_the_ins(walk: Walk, rng: Random) -> tuple[str, ...]:
-    walk.referenced, walk.acceleration = True, max(walk.acceleration, 0.05)
+@called("origin", "noise", "frame", "time", "scale", "clock", "axes", "run")
+def reference_is_the_ins(walk: Walk, rng: Random) -> None:
+    walk.acceleration = max(walk.acceleration, 0.05)
     walk.reference = walk.ins.copy()
-    return ("origin", "noise", "frame", "time", "scale", "clock", "axes", "run")
 
 
 def text(made: pd.DataFrame) -> str:

@@ -85,38 +85,39 @@ def referred(right: Recording) -> bool:
     return right.reference is not None
 
 
-def fast(right: Recording) -> bool:
-    """Whether rows of a reference are there often enough for a few to stand out."""
-    return right.reference is not None and np.diff(right.reference.time)[0] < 0.06
+def ranged(right: Recording) -> bool:
+    """Whether ranges tell rows of a reference, which come often enough for a few to stand out."""
+    often = right.reference is not None and np.diff(right.reference.time)[0] < 0.06
+    return bool(often and right.ranges)
+
+
+def always(_: Recording) -> bool:
+    return True
 
 
 #: What is spoilt, and of which logs the data tell it
 TOLD: dict[tuple[str, str], Callable[[Recording], bool]] = {
-    ("imu.csv", "late clock"): referred,
-    ("imu.csv", "hours late"): referred,
-    ("fixes.csv", "late clock"): lambda _: True,
-    ("fixes.csv", "hours late"): lambda _: True,
-    ("ranges.csv", "late clock"): referred,
-    ("ranges.csv", "hours late"): referred,
-    ("imu.csv", "rate in deg/s"): lambda _: True,
-    ("imu.csv", "force in g"): lambda _: True,
-    ("imu.csv", "force in another unit"): lambda _: True,
-    ("imu.csv", "increments"): lambda _: True,
-    ("imu.csv", "axes of the gyro"): turns,
-    ("imu.csv", "IMU turned"): turns,
-    ("fixes.csv", "held"): lambda _: True,
-    ("fixes.csv", "fixes in another unit"): referred,
-    ("ranges.csv", "ranges in another unit"): lambda _: True,
-    ("ranges.csv", "ranges too long"): lambda _: True,
-    ("anchors.csv", "anchors turned"): lambda _: True,
-    ("anchors.csv", "an anchor moved"): lambda _: True,
-    ("recording.yaml", "lever arm"): turns,
-    ("odometry.csv", "speed in another unit"): lambda _: True,
-    ("odometry.csv", "sign of the speed"): _attitude,
-    ("odometry.csv", "rate in deg/s"): lambda _: True,
-    ("odometry.csv", "sign of the rate"): lambda _: True,
-    ("reference.csv", "jammed"): referred,
-    ("reference.csv", "wrong rows"): lambda right: fast(right) and right.ranges is not None,
+    (file, name): tell
+    for tell, files in {
+        always: {
+            "imu.csv": ["rate in deg/s", "force in g", "force in another unit", "increments"],
+            "fixes.csv": ["late clock", "hours late", "held"],
+            "ranges.csv": ["ranges in another unit", "ranges too long"],
+            "anchors.csv": ["anchors turned", "an anchor moved"],
+            "odometry.csv": ["speed in another unit", "rate in deg/s", "sign of the rate"],
+        },
+        referred: {
+            "imu.csv": ["late clock", "hours late"],
+            "fixes.csv": ["fixes in another unit"],
+            "ranges.csv": ["late clock", "hours late"],
+            "reference.csv": ["jammed"],
+        },
+        turns: {"imu.csv": ["axes of the gyro", "IMU turned"], "recording.yaml": ["lever arm"]},
+        _attitude: {"odometry.csv": ["sign of the speed"]},
+        ranged: {"reference.csv": ["wrong rows"]},
+    }.items()
+    for file, names in files.items()
+    for name in names
 }
 
 

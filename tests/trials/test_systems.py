@@ -8,68 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from other_units import in_units
+from random_systems import drawn, in_units
 
 from inswsn_lib import ErrorModel, InswsnError
 from inswsn_lib.lmi import design_filter, riccati_gamma
 
-KINDS = (
-    "stable",
-    "unstable",
-    "hidden",
-    "slow",
-    "oscillator",
-    "integrators",
-    "quiet",
-    "exact",
-    "p1",
-)
+KINDS = [
+    *("stable", "unstable", "hidden", "slow", "oscillator"),
+    *("integrators", "quiet", "exact", "p1"),
+]
 DIFFERENT = 1e-3
-
-
-def drawn(kind: str, rng: np.random.Generator) -> ErrorModel:
-    """Return a model of a kind; its units are those in which it was drawn."""
-    if kind == "p1":
-        sizes = (10.0 ** rng.uniform(-2, 2, size=2) for _ in "BD")
-        process, measurement = ((float(a), float(b)) for a, b in sizes)
-        full = ErrorModel.p1(
-            10 ** rng.uniform(-3.5, 0), process_noise=process, measurement_noise=measurement
-        )
-        rows = int(rng.choice([2, 4]))
-        return replace(full, C=full.C[:rows], D=full.D[:rows, :rows])
-    n = int(rng.integers(1, 6))
-    m, p = (int(rng.integers(1, min(n, 3) + 1)) for _ in "mp")
-    A = transition(kind, n, rng)
-    B, C = rng.normal(size=(n, p)), rng.normal(size=(m, n))
-    D = rng.normal(size=(m, m + int(rng.integers(0, 2))))
-    if kind == "integrators":
-        C = np.eye(m, n)
-    elif kind == "quiet":
-        D *= 10 ** rng.uniform(-12, -6)
-    elif kind == "exact":
-        D = np.diag(rng.integers(0, 2, size=m)).astype(float)
-    if kind == "hidden":  # a state of its own that no output sees, stable or not
-        A = np.block([[A, np.zeros((n, 1))], [rng.normal(size=(1, n)), rng.uniform(0.2, 1.2)]])
-        B, C = np.vstack([B, rng.normal(size=(1, p))]), np.hstack([C, np.zeros((m, 1))])
-    L = np.eye(len(A)) if rng.random() < 0.5 else rng.normal(size=(2, len(A)))
-    return ErrorModel(A=A, B=B, C=C, D=D, L=L, period=1.0)
-
-
-def transition(kind: str, n: int, rng: np.random.Generator) -> np.ndarray:
-    if kind == "integrators":
-        return np.eye(n) + 10 ** rng.uniform(-3, 0) * np.eye(n, k=1)
-    if kind in ("slow", "oscillator"):
-        A, turn = np.diag(1 - 10 ** rng.uniform(-5, -0.5, size=n)), rng.normal(size=(n, n))
-        for i in range(0, n - 1, 2) if kind == "oscillator" else ():
-            w = rng.uniform(0, np.pi)
-            A[i : i + 2, i : i + 2] = A[i, i] * np.array(
-                [[np.cos(w), -np.sin(w)], [np.sin(w), np.cos(w)]]
-            )
-        turn = np.linalg.qr(turn)[0]
-        return np.asarray(turn @ A @ turn.T)
-    A = rng.normal(size=(n, n))
-    radius = rng.uniform(1, 1.6) if kind == "unstable" else rng.uniform(0.1, 0.98)
-    return np.asarray(A * radius / np.abs(np.linalg.eigvals(A)).max())
 
 
 def detectable(kind: str, model: ErrorModel) -> bool:

@@ -22,6 +22,16 @@ def random_covariances(rng: np.random.Generator, size: int, *shape: int) -> np.n
     return root @ np.swapaxes(root, -1, -2) + 0.3 * np.eye(size)
 
 
+def random_weights(rng: np.random.Generator, n: int) -> dict[tuple[bool, ...], np.ndarray]:
+    """Full matrices for each pattern, positive definite before they are made to add up to I."""
+    found = {}
+    for pattern in PATTERNS:
+        roots = rng.normal(size=(3, n, n))
+        M = roots @ np.swapaxes(roots, 1, 2) * np.array(pattern)[:, None, None]
+        found[pattern] = np.linalg.inv(M.sum(axis=0)) @ M
+    return found
+
+
 def gappy(rng: np.random.Generator, shape: tuple[int, ...], *, shared: bool = False) -> np.ndarray:
     """Return measurements (N, steps, m, runs); clusters come and go, and components are missing.
 

@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from random_filters import PATTERNS, gappy
+from random_filters import PATTERNS, gappy, random_weights
 
-from inswsn_lib import lmi
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.filters import (
-    deadbeat_gain,
-    handover_weights,
-    patterns_of,
-    run_distributed,
-)
-from inswsn_lib.lmi import design_filter
+from inswsn_lib.filters import deadbeat_gain, handover_weights, patterns_of, run_distributed
+from inswsn_lib.lmi import design_filter, design_fusion
 from inswsn_lib.models import ErrorModel
 
 MODEL = ErrorModel.p1(0.2, process_noise=(0.1, 0.3), measurement_noise=(0.4, 0.2))
@@ -35,16 +28,6 @@ def random_designs(rng: np.random.Generator) -> list[Any]:
         model = ErrorModel(A=MODEL.A, B=MODEL.B, C=C, D=MODEL.D, period=0.2)
         made.append((model, np.diag(rng.uniform(0.2, 0.8, 4)) @ np.linalg.inv(C)))
     return made
-
-
-def random_weights(rng: np.random.Generator) -> dict[tuple[bool, ...], np.ndarray]:
-    """Full matrices for each pattern, positive definite before they are made to add up to I."""
-    found = {}
-    for pattern in PATTERNS:
-        roots = rng.normal(size=(3, 4, 4))
-        M = roots @ np.swapaxes(roots, 1, 2) * np.array(pattern)[:, None, None]
-        found[pattern] = np.linalg.inv(M.sum(axis=0)) @ M
-    return found
 
 
 def by_hand(
@@ -109,7 +92,7 @@ def test_it_is_the_recursion_written_out(
     margins = rng.uniform(0, 1, (3, STEPS, own))
     margins[rng.random(margins.shape) < 0.3] = 0.0
     lost = np.broadcast_to(rng.random((3, STEPS, own)) < 0.4, (3, STEPS, runs))
-    weights: Any = random_weights(rng)
+    weights: Any = random_weights(rng, 4)
     weights = weights[ALL] if handover == "constant" else weights
     links: dict[str, Any] = {"delay": delay, "lost": lost if losing else None}
     if handover == "fading":
@@ -168,48 +151,27 @@ def test_constant_weights_grow_without_bound_where_a_restart_does_not() -> None:
     assert run_distributed(designs, y, weights=weights) == pytest.approx(truth, abs=1e-9)
 
 
-def test_weights_by_design_for_each_pattern(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = []
-
-    def stub(designs: Any, noise: str, structure: str, **options: Any) -> SimpleNamespace:
-        asked.append((designs, noise, structure, options))
-        shares = np.arange(1, len(designs) + 1) / sum(range(len(designs) + 1))
-        return SimpleNamespace(weights=shares[:, None, None] * np.eye(4))
-
-    monkeypatch.setattr(lmi, "design_fusion", stub)
-    designs: Any = [(MODEL, s * np.eye(4)) for s in (1, 2, 3)]
-    options: dict[str, Any] = {"margin": 0.1, "solver": "scs"}
+def test_weights_of_a_handover_are_those_of_the_clusters_that_are_heard() -> None:
+    """The better cluster has more weight, and one that is alone all of it."""
+    model = MODEL.contracted(0.9)
+    designs = [design_filter(model.with_covariances(np.eye(4), s * np.eye(4))) for s in (1, 4, 9)]
+    options: dict[str, Any] = {"margin": 0.1, "solver": "clarabel"}
     found = handover_weights(designs, iter(PATTERNS), "independent", "block", **options)
     assert list(found) == PATTERNS
-    assert [number for _, *number in asked] == [["independent", "block", options]] * 4
-    members = [[gain[0, 0] for _, gain in given] for given, *_ in asked]
-    assert members == [[1, 2], [1, 3], [2, 3], [1, 2, 3]]
-    for pattern, shares in {
-        (True, False, True): [1 / 3, 0, 2 / 3],
-        (False, True, False): [0, 1, 0],
-        ALL: [1 / 6, 2 / 6, 3 / 6],
-    }.items():
-        expected = np.array(shares)[:, None, None] * np.eye(4)
-        assert found[pattern] == pytest.approx(expected)
-    handover_weights(designs, [ALL])
-    solvers = ("structured", "clarabel")
-    assert asked[-1][1:] == ("common", "full", {"margin": 0.01, "solver": solvers})
+    for pattern, weights in found.items():
+        expected, heard = np.zeros((3, 4, 4)), np.flatnonzero(pattern)
+        of = design_fusion([designs[c] for c in heard], "independent", "block", **options)
+        expected[heard] = of.weights
+        assert weights == pytest.approx(expected, abs=1e-6)
+        shares = np.trace(weights, axis1=1, axis2=2)[heard]
+        assert sum(shares) == pytest.approx(4)
+        assert [*shares] == sorted(shares, reverse=True)
+    plain = handover_weights(designs, [ALL])
+    assert plain[ALL] == pytest.approx(design_fusion(designs).weights)
+    y = np.random.default_rng(28).normal(size=(3, 9, 4, 3))
+    run_distributed(designs, y, weights=plain)
     with pytest.raises(ParameterError, match="patterns"):
         handover_weights(designs, [(True, False)])
-
-
-def test_designed_weights_are_taken() -> None:
-    """The better cluster has more weight."""
-    model = MODEL.contracted(0.9)
-    designs = [design_filter(model.with_covariances(np.eye(4), s * np.eye(4))) for s in (1, 4)]
-    y = np.random.default_rng(28).normal(size=(2, 9, 4, 3))
-    y[0, 2:5, :, 1] = y[1, 4:7] = np.nan
-    weights = handover_weights(designs, patterns_of(y))
-    assert sorted(weights) == [(False, True), (True, False), (True, True)]
-    run_distributed(designs, y, weights=weights)
-    first, second = (np.trace(M) for M in weights[True, True])
-    assert first + second == pytest.approx(4)
-    assert first > second > 0
 
 
 def test_patterns_that_occur() -> None:
@@ -238,17 +200,6 @@ def test_as_many_clusters_as_an_integer_has_bits_for() -> None:
         patterns_of(np.zeros((63, 2, 4, 1)))
 
 
-@pytest.mark.parametrize("shape", [(2, 3, 4, 0), (2, 0, 4, 3)])
-@pytest.mark.parametrize("handover", ["restart", "constant", "fading"])
-def test_no_runs_and_no_steps(shape: tuple[int, ...], handover: Any) -> None:
-    margins = np.ones(shape[:2]) if handover == "fading" else None
-    weights = {(True, True): np.stack([0.5 * np.eye(4)] * 2), (True, False): ALONE}
-    y = np.zeros(shape)
-    found = run_distributed([(MODEL, np.eye(4))] * 2, y, weights=weights, handover=handover,
-                            margins=margins, delay=(0, 9))  # fmt: skip
-    assert found.shape == shape[1:]
-
-
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
@@ -271,7 +222,6 @@ def test_no_runs_and_no_steps(shape: tuple[int, ...], handover: Any) -> None:
         ({"delay": -1}, "delay .* not -1"),
         ({"delay": 0.5}, "delay .* not 0.5"),
         ({"delay": (1, 2, 3)}, "delay .* not of shape"),
-        ({"initial_state": np.zeros(3)}, "initial_state"),
         ({"designs": [(FLAT, np.eye(4))] * 2}, "predicted .* not False"),
     ],
 )

@@ -202,26 +202,6 @@ def test_without_reset_the_last_message_is_aged_by_the_centre() -> None:
         assert claimed[k] == pytest.approx(P, rel=1e-9)
 
 
-def test_between_resets_it_is_the_filter_without_reset_from_the_last_one() -> None:
-    rng = np.random.default_rng(12)
-    model, P0 = random_model(rng, 2, 2), np.eye(2)
-    y, lost = rng.normal(size=(2, 8, 2, 4)), rng.random((2, 8, 4)) < 0.3
-    common: dict[str, Any] = {"measurement_covariance": random_covariances(rng, 2, 2),
-                              "sharing": (0.4, 0.4, 0.2)}  # fmt: skip
-    lost[:, 3] = False  # what is fused is what the covariance below says
-    whole = run_federated(model, y, initial_covariance=P0, interval=4, lost=lost, **common)
-    first = run_federated(model, y[:, :4], initial_covariance=P0, reset="none", lost=lost[:, :4],
-                          **common)  # fmt: skip
-    assert whole[:4] == pytest.approx(first, abs=1e-9)
-    P = federated_covariance(model, np.ones((4, 2), bool), initial_covariance=P0, reset="none",
-                             **common)[-1]  # fmt: skip
-    second = run_federated(
-        model, y[:, 4:], initial_covariance=model.A @ P @ model.A.T + model.process_covariance,
-        initial_state=model.A @ first[-1], reset="none", lost=lost[:, 4:], **common,
-    )  # fmt: skip
-    assert whole[4:] == pytest.approx(second, abs=1e-9)
-
-
 def test_zero_reset_uses_a_step_inside_an_interval_for_itself_only() -> None:
     rng = np.random.default_rng(13)
     model, interval = random_model(rng, 2, 2), 3
@@ -235,22 +215,6 @@ def test_zero_reset_uses_a_step_inside_an_interval_for_itself_only() -> None:
         assert found[k] == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
-@pytest.mark.parametrize("reset", ["fusion", "none"])
-def test_runs_do_not_depend_on_one_another(reset: Any) -> None:
-    rng = np.random.default_rng(14)
-    model, y = random_model(rng, 3, 2), gappy(rng, (2, 15, 2, 4))
-    lost, start = rng.random((2, 15, 4)) < 0.3, rng.normal(size=(3, 4))
-    options: dict[str, Any] = {
-        "measurement_covariance": random_covariances(rng, 2, 2),
-        "initial_covariance": np.eye(3), "reset": reset, "interval": 2,
-    }  # fmt: skip
-    together = run_federated(model, y, lost=lost, initial_state=start, **options)
-    for run in range(4):
-        alone = run_federated(model, y[..., [run]], lost=lost[..., [run]],
-                              initial_state=start[:, run], **options)  # fmt: skip
-        assert together[:, :, [run]] == pytest.approx(alone, rel=1e-9, abs=1e-9)
-
-
 def test_a_thousand_steps_of_a_marginal_model_stay_the_kalman_filter() -> None:
     rng = np.random.default_rng(15)
     model = ErrorModel.p1(0.02, process_noise=(1e-4, 1e-3), measurement_noise=(2.0, 0.5))
@@ -260,19 +224,6 @@ def test_a_thousand_steps_of_a_marginal_model_stay_the_kalman_filter() -> None:
     P0 = np.diag([100.0, 100.0, 1.0, 1.0])
     found = run_federated(model, y, measurement_covariance=R, initial_covariance=P0)
     assert found == pytest.approx(of_all_data(model, y, R, initial_covariance=P0), abs=1e-8)
-
-
-@pytest.mark.parametrize("shape", [(2, 3, 4, 0), (2, 0, 4, 3)])
-def test_no_runs_and_no_steps(shape: tuple[int, ...]) -> None:
-    lost = np.zeros((2, shape[1], shape[3]), bool)
-    found = run_federated(ErrorModel.p1(0.2), np.zeros(shape), lost=lost,
-                          measurement_covariance=np.stack([np.eye(4)] * 2),
-                          initial_covariance=np.eye(4))  # fmt: skip
-    assert found.shape == shape[1:]
-    available = np.ones((shape[1], 2), bool)
-    claimed = federated_covariance(ErrorModel.p1(0.2), available, initial_covariance=np.eye(4),
-                                   measurement_covariance=np.stack([np.eye(4)] * 2))  # fmt: skip
-    assert claimed.shape == (shape[1], 4, 4)
 
 
 @pytest.mark.parametrize(

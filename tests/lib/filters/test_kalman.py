@@ -102,15 +102,6 @@ def test_it_is_least_squares_whatever_is_missing_and_changes(
         assert filtered[:, :, [run]] == pytest.approx(alone, rel=1e-9, abs=1e-9)
 
 
-def test_the_noise_is_that_of_the_model_if_nothing_is_said() -> None:
-    y = np.random.default_rng(2).normal(size=(9, 4, 2))
-    Q, R = MODEL.B @ MODEL.B.T, MODEL.D @ MODEL.D.T
-    plain = run_kalman(MODEL, y, initial_covariance=np.eye(4))
-    told = run_kalman(MODEL, y, initial_covariance=np.eye(4), process_covariance=Q,
-                      measurement_covariance=np.tile(R, (9, 1, 1)))  # fmt: skip
-    assert plain == pytest.approx(told, abs=1e-12)
-
-
 def test_gains_and_covariances_of_a_walk_are_ratios_of_fibonacci_numbers() -> None:
     design = design_kalman(walk(), np.full((4, 1), True), initial_covariance=[[1.0]])
     before = np.array([1 / 1, 3 / 2, 8 / 5, 21 / 13])
@@ -175,9 +166,7 @@ def test_without_noise_in_the_measurement_it_follows_the_measurement() -> None:
     assert run_kalman(model, y, initial_covariance=np.eye(4)) == pytest.approx(y, abs=1e-9)
 
 
-def test_no_runs_no_steps_and_sums_that_overflow() -> None:
-    for shape in ((0, 4, 3), (5, 4, 0)):
-        assert run_kalman(MODEL, np.zeros(shape), initial_covariance=np.eye(4)).shape == shape
+def test_a_design_of_no_steps_and_sums_that_overflow() -> None:
     two = replace(MODEL, C=np.eye(2, 4), D=np.eye(2))
     design = design_kalman(two, np.ones((0, 2), bool), initial_covariance=np.eye(4))
     assert design.gains.shape == (0, 4, 2)
@@ -237,12 +226,10 @@ def test_without_a_steady_state_there_is_no_gain(model: ErrorModel) -> None:
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("measurements", np.zeros((5, 3, 1))),
         ("initial_covariance", np.eye(3)),
         ("process_covariance", np.triu(np.ones((4, 4)))),
         ("measurement_covariance", np.zeros((9, 4, 4))),
         ("measurement_covariance", np.zeros((4, 4))),  # with P_0 = 0 an innovation is certain
-        ("initial_state", np.zeros(3)),
     ],
 )
 def test_what_does_not_fit_is_refused(name: str, value: np.ndarray) -> None:
@@ -261,19 +248,6 @@ def test_masks_and_gains_that_do_not_fit_are_refused() -> None:
         steady_error(MODEL, np.eye(2))
 
 
-@pytest.mark.parametrize("size", [1.0, 1e8])
-def test_runs_that_miss_different_measurements_are_filtered_as_if_alone(size: float) -> None:
-    """Also where the first prediction is far less certain than a measurement."""
-    model = ErrorModel.p1(0.2, process_noise=(0.05, 0.1), measurement_noise=(0.2, 0.3))
-    rng = np.random.default_rng(4)
-    y = rng.normal(size=(12, 4, 5))
-    y[rng.random(y.shape) < 0.3] = np.nan
-    together = run_kalman(model, y, initial_covariance=size * np.eye(4))
-    for r in range(5):
-        alone = run_kalman(model, y[:, :, r : r + 1], initial_covariance=size * np.eye(4))
-        assert together[:, :, r : r + 1] == pytest.approx(alone, rel=1e-9, abs=1e-12)
-
-
 def test_square_roots_are_the_same_filter(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where they are not needed, with noise that is correlated and components that are missing."""
     rng = np.random.default_rng(8)
@@ -286,29 +260,6 @@ def test_square_roots_are_the_same_filter(monkeypatch: pytest.MonkeyPatch) -> No
     plain = run_kalman(model, y, **told)
     monkeypatch.setattr(kalman, "_FAR", 0.0)
     assert run_kalman(model, y, **told) == pytest.approx(plain, rel=1e-9, abs=1e-12)
-
-
-@pytest.mark.parametrize("predicted", [False, True])
-@pytest.mark.parametrize("gaps", ["none", "shared", "own", "own at last"])
-@pytest.mark.parametrize("size", [1.0, 1e9])
-def test_pieces_of_a_record_give_what_the_whole_gives(
-    gaps: str, size: float, predicted: bool
-) -> None:
-    """Also where a part of it is complete, and another has gaps in some runs alone."""
-    rng = np.random.default_rng(8)
-    y = rng.normal(size=(60, 4, 5))
-    if gaps == "shared":
-        y[rng.random((60, 4)) < 0.3] = np.nan
-    elif gaps != "none":
-        y[rng.random((60, 4, 5)) < 0.3] = np.nan
-        if gaps == "own at last":
-            y[:40] = rng.normal(size=(40, 4, 5))
-            y[17:20] = np.nan
-    options = {"initial_covariance": size * np.eye(4), "initial_state": rng.normal(size=(4, 5))}
-    pieces = (y[first:last] for first, last in ((0, 1), (1, 1), (1, 19), (19, 45), (45, 60)))
-    found = list(stream_kalman(MODEL, pieces, predicted=predicted, **options))
-    whole = run_kalman(MODEL, y, predicted=predicted, **options)
-    assert np.concatenate(found) == pytest.approx(whole, rel=1e-9, abs=1e-9)
 
 
 def test_pieces_of_other_runs_are_refused() -> None:

@@ -174,8 +174,6 @@ def test_a_policy_keeps_nothing_from_one_call_to_the_next_nor_from_run_to_run() 
         ("threshold", lambda: huber(0.0)),
         ("forgetting", lambda: adaptive(1.0)),
         ("forgetting", lambda: adaptive(0.0)),
-        ("measurements", lambda: robust(np.zeros((2, 3, 1)), huber())),
-        ("initial_state", lambda: robust(np.zeros((2, 4, 1)), huber(), initial_state=[0])),
         (
             "initial_covariance",
             lambda: run_robust(MODEL, np.zeros((2, 4, 1)), policy=huber(), initial_covariance=R),

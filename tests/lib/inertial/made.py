@@ -11,16 +11,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation
 
-from inswsn_lib.inertial import (
-    Earth,
-    ImuNoise,
-    InertialMotion,
-    InertialState,
-    PositionFixes,
-    Start,
-    Velocities,
-    run_error_state,
-)
+from inswsn_lib import inertial as nav
 from inswsn_lib.inertial.mechanization import GRAVITY
 from inswsn_lib.streams import Fixes, Imu, Ranges
 
@@ -46,12 +37,9 @@ class Path:
     def velocity(self, t: Array) -> Array:
         return np.stack([np.cos(0.5 * t + self.phase), 1.2 * np.cos(0.8 * t), 0.2 * np.cos(t)], -1)
 
-    def start(self) -> InertialState:
-        """The state at 0 s."""
-        zero = np.array(0.0)
-        return InertialState(
-            self.position(zero), self.velocity(zero), self.attitude(zero).as_matrix()
-        )
+    def state(self, time: float) -> nav.InertialState:
+        t = np.array(time)
+        return nav.InertialState(self.position(t), self.velocity(t), self.attitude(t).as_matrix())
 
     def acceleration(self, t: Array) -> Array:
         return np.stack(
@@ -99,16 +87,16 @@ def imu_of(
 
 
 #: What a filter is told of an IMU as in `motion_on`
-NOISE = ImuNoise(0.02, 0.002, 1e-3, 1e-5)
+NOISE = nav.ImuNoise(0.02, 0.002, 1e-3, 1e-5)
 
 
 def motion_on(
     path: Path, seconds: float, rng: np.random.Generator | None = None, *,
-    biases: Array | None = None, earth: Earth | None = None,
-) -> InertialMotion:  # fmt: skip
+    biases: Array | None = None, earth: nav.Earth | None = None,
+) -> nav.InertialMotion:  # fmt: skip
     """Return the motion by an IMU on a path, as noisy as is told of it."""
     imu = imu_of(path, seconds, rng, force=NOISE.force, rate=NOISE.rate, biases=biases)
-    return InertialMotion(imu, NOISE, earth)
+    return nav.InertialMotion(imu, NOISE, earth)
 
 
 def fixes_of(path: Path, seconds: float, errors: Array | float, period: float = 0.2) -> Fixes:
@@ -127,14 +115,14 @@ def ranges_of(path: Path, seconds: float, rng: np.random.Generator, deviation: f
 
 def ahead(motion: Any, begin: float, end: float, state: Any) -> tuple[Any, Array, Array]:
     """Return the state at a later time, with transition and covariance from one that is certain."""
-    silent = Velocities(np.array([end]), np.full((1, 2), np.nan), np.ones(2))
-    start = Start(begin, state, np.zeros((state.errors, state.errors)))
-    found = run_error_state(motion, start, [silent])
+    silent = nav.Velocities(np.array([end]), np.full((1, 2), np.nan), np.ones(2))
+    start = nav.Start(begin, state, np.zeros((state.errors, state.errors)))
+    found = nav.run_error_state(motion, start, [silent])
     return found.states[0], found.transitions[0], found.covariances[0]
 
 
 #: Of a cheap IMU: noises, and the largest biases, m/s^2 and rad/s
-CHEAP = ImuNoise(0.0047, 0.0008, 1e-4, 1e-5)
+CHEAP = nav.ImuNoise(0.0047, 0.0008, 1e-4, 1e-5)
 LARGEST_BIASES = 0.1 * GRAVITY, np.radians(5)
 
 
@@ -157,7 +145,7 @@ class Log:
         rest = rng.uniform(5, 25) * (rng.random() < 0.5)
         return cls(seed, rest, rng.random() < 0.5, rng.random() < 0.7)
 
-    def make(self) -> tuple[InertialMotion, list, Callable[[float], Rotation], Array]:
+    def make(self) -> tuple[nav.InertialMotion, list, Callable[[float], Rotation], Array]:
         """Return motion, observations, the attitude at a time, and both biases, (2, 3)."""
         rng, t = np.random.default_rng([2, self.seed]), np.arange(0, 70, PERIOD)
         knots = np.cumsum([self.rest, *rng.uniform(3, 8, 24)])
@@ -192,17 +180,17 @@ class Log:
         size = np.array([5.0, 5.0, 10.0]) if self.velocities else np.array([0.5, 0.5, 1.0])
         noise = rng.standard_normal((2, *position[rows].shape))
         fixes = Fixes(t[rows], position[rows] + size * noise[0])
-        seen: list = [PositionFixes(fixes, np.zeros(3), size)]
+        seen: list = [nav.PositionFixes(fixes, np.zeros(3), size)]
         if self.velocities:
             told = velocity[rows] + 0.05 * noise[1]
-            seen.append(Velocities(fixes.time, told, np.full(3, 0.05)))
+            seen.append(nav.Velocities(fixes.time, told, np.full(3, 0.05)))
         return (
-            InertialMotion(imu, CHEAP), seen,
+            nav.InertialMotion(imu, CHEAP), seen,
             lambda time: attitude[round(time / PERIOD)], biases,
         )  # fmt: skip
 
 
-def off_by(start: Start, true: Rotation) -> Array:
+def off_by(start: nav.Start, true: Rotation) -> Array:
     """Return the errors of attitude about the axes of the frame, in their deviations, (3,)."""
     found = start.state.attitude
     error = found @ Rotation.from_matrix(true.as_matrix().T @ found).as_rotvec()

@@ -7,29 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from lib.inertial.made import (
-    LEVER_ARM,
-    NOISE,
-    Log,
-    Path,
-    fixes_of,
-    motion_on,
-    off_by,
-    ranges_of,
-)
+from lib.inertial.made import LEVER_ARM, NOISE, Log, Path, fixes_of, motion_on, off_by, ranges_of
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from inswsn_lib import inertial as nav
 from inswsn_lib.errors import InswsnError, ParameterError
-from inswsn_lib.inertial import (
-    InertialMotion,
-    InertialState,
-    PositionFixes,
-    RangesToAnchors,
-    align,
-    known_start,
-    level,
-)
 from inswsn_lib.inertial.alignment import _steady
 from inswsn_lib.inertial.mechanization import GRAVITY
 from inswsn_lib.streams import Fixes, Imu
@@ -43,7 +26,7 @@ def test_a_body_at_rest_is_levelled(seed: int, heading: float) -> None:
     """Gravity's opposite is upwards in the frame, and the x axis has the heading."""
     attitude = Rotation.random(rng=np.random.default_rng(seed))
     force = np.tile(attitude.inv().apply([0.0, 0.0, GRAVITY]), (5, 1))
-    found = level(Imu(np.arange(5.0), np.zeros((5, 3)), force), heading)
+    found = nav.level(Imu(np.arange(5.0), np.zeros((5, 3)), force), heading)
     assert found @ force[0] == pytest.approx([0.0, 0.0, GRAVITY], abs=1e-9)
     assert found @ found.T == pytest.approx(np.eye(3), abs=1e-9)
     assert np.linalg.det(found) == pytest.approx(1.0)
@@ -60,10 +43,9 @@ def test_a_moving_start_is_found_as_well_as_it_says() -> None:
         biases = np.array([[0.05], [0.003]]) * rng.standard_normal((2, 3))
         motion = motion_on(path, 11.0, rng, biases=biases)
         fixed = fixes_of(path, 11.0, 0.05 * rng.standard_normal((54, 3)))
-        start = align(motion, [PositionFixes(fixed, LEVER_ARM, np.full(3, 0.05))], 0.0, 10.0)
-        at = np.array(start.time)
-        true = InertialState(path.position(at), path.velocity(at), path.attitude(at).as_matrix())
-        error = true.minus(start.state)[:9]
+        seen = [nav.PositionFixes(fixed, LEVER_ARM, np.full(3, 0.05))]
+        start = nav.align(motion, seen, 0.0, 10.0)
+        error = path.state(start.time).minus(start.state)[:9]
         total += error @ np.linalg.solve(start.covariance[:9, :9], error)
         headings.append(np.degrees(np.abs(error[6:]).max()))
     assert chi2.ppf(5e-5, 9 * RUNS) < total < chi2.ppf(1 - 5e-5, 9 * RUNS)
@@ -74,18 +56,18 @@ def test_a_steady_motion_does_not_tell_the_heading() -> None:
     """At constant velocity nothing turns the specific force: any heading fits."""
     rng, t = np.random.default_rng(2), np.arange(0, 11, 0.01)
     rate, force = np.array([[[0.02]], [[0.2]]]) * rng.standard_normal((2, len(t), 3))
-    motion = InertialMotion(Imu(t, rate, force + np.array([0, 0, GRAVITY])), NOISE)
+    motion = nav.InertialMotion(Imu(t, rate, force + np.array([0, 0, GRAVITY])), NOISE)
     times = np.arange(0.2, 11, 0.2)
     track = np.outer(times, [8.0, 1.0, 0.0])
     fixes = Fixes(times, track + 0.05 * rng.standard_normal(track.shape))
-    observed = [PositionFixes(fixes, np.zeros(3), np.full(3, 0.05))]
+    observed = [nav.PositionFixes(fixes, np.zeros(3), np.full(3, 0.05))]
     with pytest.raises(InswsnError, match="The heading cannot be told between 0 and 10 s"):
-        align(motion, observed, 0.0, 10.0)
-    ranges = RangesToAnchors(ranges_of(Path(), 11.0, rng, 0.05), LEVER_ARM, 0.05)
+        nav.align(motion, observed, 0.0, 10.0)
+    ranges = nav.RangesToAnchors(ranges_of(Path(), 11.0, rng, 0.05), LEVER_ARM, 0.05)
     with pytest.raises(InswsnError, match="Ranges do not align an INS"):
-        align(motion, [ranges], 0.0, 10.0)
+        nav.align(motion, [ranges], 0.0, 10.0)
     with pytest.raises(InswsnError, match="The IMU says nothing between 20 and 30 s"):
-        align(motion, observed, 20.0, 30.0)
+        nav.align(motion, observed, 20.0, 30.0)
 
 
 def test_the_first_motion_tells_the_heading_or_the_user_does() -> None:
@@ -93,12 +75,12 @@ def test_the_first_motion_tells_the_heading_or_the_user_does() -> None:
     log = Log(seed=5, rest=25.0, turns=True, velocities=True)
     motion, seen, attitude, biases = log.make()
     with pytest.raises(InswsnError, match="The heading cannot be told between 0 and 20 s"):
-        align(motion, seen, 0.0, 20.0)
-    found = align(motion, seen, 0.0, 20.0, latest=60.0)
+        nav.align(motion, seen, 0.0, 20.0)
+    found = nav.align(motion, seen, 0.0, 20.0, latest=60.0)
     true = attitude(0.0).as_matrix()
     told = np.arctan2(true[1, 0], true[0, 0]) + 0.02, 0.03
-    known = known_start(motion.imu, 0.0, heading=told, rest=18.0)
-    mine = align(motion, seen, 18.0, 20.0, prior=known)
+    known = nav.known_start(motion.imu, 0.0, heading=told, rest=18.0)
+    mine = nav.align(motion, seen, 18.0, 20.0, prior=known)
     for start in (found, mine):
         assert np.abs(off_by(start, attitude(start.time))).max() < 3.5
         sizes = np.sqrt(np.diag(start.covariance)[12:])
@@ -112,7 +94,7 @@ def test_a_steady_spin_in_place_is_not_taken_for_rest(seed: int) -> None:
     """An IMU says then what it says at rest with another bias."""
     log = Log(seed, rest=20.0, turns=True, velocities=seed % 2 > 0, spin=0.05)
     motion, seen, attitude, _ = log.make()
-    start = align(motion, seen, 0.0, 40.0, latest=60.0)
+    start = nav.align(motion, seen, 0.0, 40.0, latest=60.0)
     assert np.abs(off_by(start, attitude(start.time))).max() < 3.5
 
 
@@ -129,13 +111,13 @@ def test_a_start_that_its_own_deviations_exclude_is_refused() -> None:
     imu, fixes = motion.imu, seen[0].fixes
     small = (1000.0, 30.0, 2.0, 0.6, float(np.abs(biases[1]).max() / 6))
     with pytest.raises(InswsnError, match=r"bias of the gyroscopes of 0.0\d+ rad/s, which its"):
-        align(motion, seen, 0.0, 60.0, deviations=small)
-    late = PositionFixes(replace(fixes, time=fixes.time - 2.0), np.zeros(3), np.full(3, 0.5))
+        nav.align(motion, seen, 0.0, 60.0, deviations=small)
+    late = nav.PositionFixes(replace(fixes, time=fixes.time - 2.0), np.zeros(3), np.full(3, 0.5))
     with pytest.raises(InswsnError, match=r"misses measurements by \d+ times|not settled"):
-        align(motion, [late, *seen[1:]], 0.0, 60.0)
+        nav.align(motion, [late, *seen[1:]], 0.0, 60.0)
     degrees = replace(motion, imu=replace(imu, rate=np.degrees(imu.rate)))
     with pytest.raises(InswsnError, match="between 0 and 60 s"):
-        align(degrees, seen, 0.0, 60.0)
+        nav.align(degrees, seen, 0.0, 60.0)
 
 
 @pytest.mark.parametrize(
@@ -150,7 +132,7 @@ def test_a_start_that_its_own_deviations_exclude_is_refused() -> None:
 def test_what_is_known_of_a_start_is_checked(known: dict, said: str) -> None:
     still = Imu(np.arange(3.0), np.zeros((3, 3)), np.tile([0.0, 0.0, GRAVITY], (3, 1)))
     with pytest.raises(ParameterError, match=said):
-        known_start(still, 0.0, **known)
-    start = known_start(still, 1.0, position=([1, 2, 3], 0.5), attitude=(np.eye(3), 0.1))
+        nav.known_start(still, 0.0, **known)
+    start = nav.known_start(still, 1.0, position=([1, 2, 3], 0.5), attitude=(np.eye(3), 0.1))
     assert start.state.position.tolist() == [1, 2, 3]
     assert np.diag(start.covariance)[[0, 6]] == pytest.approx([0.25, 0.01])

@@ -11,30 +11,19 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
+from inswsn_lib import inertial as nav
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.inertial import (
-    OdometryMotion,
-    OdometryNoise,
-    PlanarState,
-    PositionFixes,
-    RangesToAnchors,
-    Solution,
-    Start,
-    run_error_state,
-    smooth,
-    smooth_with_lag,
-)
 from inswsn_lib.streams import Odometry, Ranges
 
 Array = NDArray[np.float64]
 SPREAD = np.repeat([0.1, 0.05, 0.02, 0.05, 0.003], 3)
 
 
-def begun(path: Path, rng: np.random.Generator) -> Start:
+def begun(path: Path, rng: np.random.Generator) -> nav.Start:
     """Return a start that is wrong by what it says, but for the biases."""
-    wrong = path.start().plus(SPREAD * rng.standard_normal(15))
+    wrong = path.state(0.0).plus(SPREAD * rng.standard_normal(15))
     state = replace(wrong, force_bias=np.zeros(3), rate_bias=np.zeros(3))
-    return Start(0.0, state, np.diag(SPREAD**2))
+    return nav.Start(0.0, state, np.diag(SPREAD**2))
 
 
 def coloured(rng: np.random.Generator, deviation: float, factor: float) -> Array:
@@ -45,7 +34,7 @@ def coloured(rng: np.random.Generator, deviation: float, factor: float) -> Array
     return e
 
 
-def planar_case(seed: int) -> tuple[OdometryMotion, Start, RangesToAnchors, Array]:
+def planar_case(seed: int) -> tuple[nav.OdometryMotion, nav.Start, nav.RangesToAnchors, Array]:
     """A vehicle with odometry and ranges, small enough to be solved at once."""
     rng, t = np.random.default_rng(seed), np.arange(0, 4.01, 0.1)
     odometry = Odometry(t, np.full(len(t), 1.0), 0.5 * np.sin(t))
@@ -56,9 +45,9 @@ def planar_case(seed: int) -> tuple[OdometryMotion, Start, RangesToAnchors, Arra
     away = np.linalg.norm(track[np.searchsorted(t, times - 1e-9)] - anchors[which], axis=1)
     told = Ranges(times, which, away + 0.03 * rng.standard_normal(8), anchors, tuple("abcd"))
     spread = np.diag([0.05, 0.05, 0.03, 0.02, 0.01]) ** 2
-    start = Start(0.0, PlanarState(np.array([0.03, -0.03]), 0.01), spread)
-    motion = OdometryMotion(odometry, OdometryNoise(0.02, 0.01, 1e-3, 1e-3))
-    return motion, start, RangesToAnchors(told, np.zeros(2), 0.03), times
+    start = nav.Start(0.0, nav.PlanarState(np.array([0.03, -0.03]), 0.01), spread)
+    motion = nav.OdometryMotion(odometry, nav.OdometryNoise(0.02, 0.01, 1e-3, 1e-3))
+    return motion, start, nav.RangesToAnchors(told, np.zeros(2), 0.03), times
 
 
 def test_the_smoother_is_least_squares_over_everything() -> None:
@@ -68,7 +57,7 @@ def test_the_smoother_is_least_squares_over_everything() -> None:
     """
     motion, start, ranges, times = planar_case(2)
     edges, count = np.append(0.0, times), len(times) + 1
-    found = smooth(run_error_state(motion, start, [ranges], iterations=10))
+    found = nav.smooth(nav.run_error_state(motion, start, [ranges], iterations=10))
 
     def track(x: Array) -> tuple[list, list]:
         """Return states, each of what is left of the one before, and what the motion says."""
@@ -98,7 +87,7 @@ def test_the_smoother_is_least_squares_over_everything() -> None:
         assert np.abs(spread).max() < 0.03
 
 
-def nees(solution: Solution, path: Path) -> float:
+def nees(solution: nav.Solution, path: Path) -> float:
     """Return the mean normalised square of the errors of position and velocity."""
     t = solution.time
     apart = solution.position - path.position(t), solution.velocity - path.velocity(t)
@@ -110,7 +99,7 @@ RUNS = 12
 
 
 @pytest.fixture(scope="module")
-def loose() -> list[tuple[Path, Solution, Solution, Solution]]:
+def loose() -> list[tuple[Path, nav.Solution, nav.Solution, nav.Solution]]:
     """Filter, smoother and fixed-lag smoother on fixes with coloured errors, twelve runs."""
     made = []
     for seed in range(RUNS):
@@ -118,12 +107,12 @@ def loose() -> list[tuple[Path, Solution, Solution, Solution]]:
         start = begun(path, rng)
         wrong = SPREAD[9:].reshape(2, 3) * rng.standard_normal((2, 3))
         errors = coloured(rng, 0.1, np.exp(-0.2 / 2)) + 0.03 * rng.standard_normal((99, 3))
-        fixes = PositionFixes(
+        fixes = nav.PositionFixes(
             fixes_of(path, 20.0, errors), LEVER_ARM,
             np.full(3, 0.03), np.full(3, 0.1), np.full(3, 2.0),
         )  # fmt: skip
-        solution = run_error_state(motion_on(path, 20.0, rng, biases=wrong), start, [fixes])
-        made.append((path, solution, smooth(solution), smooth_with_lag(solution, 2.0)))
+        solution = nav.run_error_state(motion_on(path, 20.0, rng, biases=wrong), start, [fixes])
+        made.append((path, solution, nav.smooth(solution), nav.smooth_with_lag(solution, 2.0)))
     return made
 
 
@@ -140,7 +129,7 @@ def test_errors_are_as_large_as_the_filter_says(loose: list) -> None:
 
 def test_a_lag_longer_than_the_run_is_the_smoother_and_none_is_the_filter(loose: list) -> None:
     _, solution, smoothed, _ = loose[0]
-    whole, none = smooth_with_lag(solution, 1e3), smooth_with_lag(solution, 0.0)
+    whole, none = nav.smooth_with_lag(solution, 1e3), nav.smooth_with_lag(solution, 0.0)
     assert whole.position == pytest.approx(smoothed.position, abs=1e-6)
     assert whole.covariances == pytest.approx(smoothed.covariances, rel=1e-4, abs=1e-9)
     assert none.position == pytest.approx(solution.position, abs=0)
@@ -151,8 +140,8 @@ def test_tight_finds_the_bias_of_each_anchor_and_the_scale_of_all() -> None:
     start, ranges = begun(path, rng), ranges_of(path, 20.0, rng, 0.05)
     own = np.array([0.07, 0.2, -0.1, 0.0, 0.3, 0.1, -0.2])
     wrong = replace(ranges, distance=(1 + own[0]) * ranges.distance + own[1 + ranges.anchor])
-    heard = RangesToAnchors(wrong, LEVER_ARM, 0.05, bias=0.3, scale=0.1)
-    solution = run_error_state(motion_on(path, 20.0, rng), start, [heard])
+    heard = nav.RangesToAnchors(wrong, LEVER_ARM, 0.05, bias=0.3, scale=0.1)
+    solution = nav.run_error_state(motion_on(path, 20.0, rng), start, [heard])
     apart, P = solution.states[-1].own - own, solution.covariances[-1][15:, 15:]
     assert apart @ np.linalg.solve(P, apart) < chi2.ppf(1 - 1e-4, 7)
     assert np.sqrt(np.diag(P)).max() < 0.1
@@ -164,8 +153,8 @@ def test_a_gate_keeps_false_ranges_out() -> None:
     start, ranges = begun(path, rng), ranges_of(path, 10.0, rng, 0.05)
     false = rng.random(len(ranges)) < 0.05
     spoilt = replace(ranges, distance=ranges.distance + 3.0 * false)
-    motion, observed = motion_on(path, 10.0, rng), [RangesToAnchors(spoilt, LEVER_ARM, 0.05)]
-    gated = run_error_state(motion, start, observed, gate=16.0)
+    motion, observed = motion_on(path, 10.0, rng), [nav.RangesToAnchors(spoilt, LEVER_ARM, 0.05)]
+    gated = nav.run_error_state(motion, start, observed, gate=16.0)
     assert np.array_equal(np.concatenate(gated.innovations[0].used), ~false)
     assert np.sqrt(np.mean((gated.position - path.position(gated.time)) ** 2)) < 0.05
 
@@ -180,19 +169,19 @@ def test_a_gate_keeps_false_ranges_out() -> None:
 )
 def test_nothing_to_measure_is_told(begin: float, sign: float, count: int, said: str) -> None:
     path = Path()
-    fixes = PositionFixes(fixes_of(path, 1.0, 0.0), LEVER_ARM, np.ones(3))
-    start = Start(begin, path.start(), sign * np.eye(15))
+    fixes = nav.PositionFixes(fixes_of(path, 1.0, 0.0), LEVER_ARM, np.ones(3))
+    start = nav.Start(begin, path.state(0.0), sign * np.eye(15))
     with pytest.raises(InswsnError, match=said):
-        run_error_state(motion_on(path, 1.0), start, [fixes] * count)
+        nav.run_error_state(motion_on(path, 1.0), start, [fixes] * count)
 
 
 def test_steps_of_the_covariance_err_by_their_square() -> None:
     rng, path = np.random.default_rng(1), Path()
     motion, start = motion_on(path, 20.0, rng), begun(path, rng)
-    fixes = PositionFixes(fixes_of(path, 20.0, 0.0, 2.0), LEVER_ARM, np.full(3, 0.05))
+    fixes = nav.PositionFixes(fixes_of(path, 20.0, 0.0, 2.0), LEVER_ARM, np.full(3, 0.05))
     sizes = []
     for substep in (0.01, 0.1, 0.2):
-        run = run_error_state(replace(motion, substep=substep), start, [fixes])
+        run = nav.run_error_state(replace(motion, substep=substep), start, [fixes])
         sizes.append(np.sqrt(np.diagonal(run.covariances, axis1=1, axis2=2)))
     errors = [np.abs(size / sizes[0] - 1).max() for size in sizes[1:]]
     assert errors[1] < 1e-3

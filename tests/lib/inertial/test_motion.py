@@ -11,26 +11,19 @@ from hypothesis import given, settings, strategies as st
 from lib.inertial.made import Path, ahead, imu_of
 from scipy.spatial.transform import Rotation
 
-from inswsn_lib.inertial import (
-    ImuNoise,
-    InertialMotion,
-    InertialState,
-    OdometryMotion,
-    OdometryNoise,
-    PlanarState,
-)
+from inswsn_lib import inertial as nav
 from inswsn_lib.inertial.mechanization import rotation_vector, turned
 from inswsn_lib.streams import Odometry
 
-QUIET = ImuNoise(0.0, 0.0, 0.0, 0.0)
-STILL = OdometryNoise(0.0, 0.0, 0.0, 0.0)
+QUIET = nav.ImuNoise(0.0, 0.0, 0.0, 0.0)
+STILL = nav.OdometryNoise(0.0, 0.0, 0.0, 0.0)
 
 
 def test_it_follows_an_exact_path() -> None:
     """Samples of 100 Hz, means of neighbours taken as constant: an error of second order."""
     path, seconds = Path(), 10.0
-    start = path.start()
-    end, _, _ = ahead(InertialMotion(imu_of(path, seconds), QUIET), 0.0, seconds, start)
+    start = path.state(0.0)
+    end, _, _ = ahead(nav.InertialMotion(imu_of(path, seconds), QUIET), 0.0, seconds, start)
     assert end.position == pytest.approx(path.position(np.array(seconds)), abs=2e-3)
     assert end.velocity == pytest.approx(path.velocity(np.array(seconds)), abs=5e-4)
     apart = Rotation.from_matrix(end.attitude.T) * path.attitude(np.array(seconds))
@@ -39,8 +32,8 @@ def test_it_follows_an_exact_path() -> None:
 
 def test_events_between_samples_do_not_change_the_way() -> None:
     path = Path()
-    motion = InertialMotion(imu_of(path, 2.0), QUIET)
-    start = path.start()
+    motion = nav.InertialMotion(imu_of(path, 2.0), QUIET)
+    start = path.state(0.0)
     once, _, _ = ahead(motion, 0.0, 2.0, start)
     events = np.sort(np.append(np.random.default_rng(1).uniform(0, 2, 50), 2.0))
     state = start
@@ -53,9 +46,9 @@ def test_events_between_samples_do_not_change_the_way() -> None:
 def test_the_transition_is_the_derivative(seed: int) -> None:
     rng = np.random.default_rng(seed)
     path = Path(float(seed))
-    motion = InertialMotion(imu_of(path, 1.0), QUIET)
+    motion = nav.InertialMotion(imu_of(path, 1.0), QUIET)
     biases = rng.normal(0, 0.1, 3), rng.normal(0, 0.01, 3)
-    start = replace(path.start(), force_bias=biases[0], rate_bias=biases[1])
+    start = replace(path.state(0.0), force_bias=biases[0], rate_bias=biases[1])
     end, Phi, _ = ahead(motion, 0.0, 1.0, start)
     for column in range(15):
         step = np.zeros(15)
@@ -82,14 +75,16 @@ def test_turns_and_their_vectors_are_those_of_scipy(size: float) -> None:
 def test_plus_undoes_minus(seed: int) -> None:
     rng = np.random.default_rng(seed)
     one, other = (
-        InertialState(*rng.normal(size=(2, 3)), turn, *rng.normal(size=(2, 3)), rng.normal(size=2))
+        nav.InertialState(
+            *rng.normal(size=(2, 3)), turn, *rng.normal(size=(2, 3)), rng.normal(size=2)
+        )
         for turn in Rotation.random(2, rng=rng).as_matrix()
     )
     again = other.plus(one.minus(other))
     assert again.attitude == pytest.approx(one.attitude, abs=1e-9)
     assert again.minus(one) == pytest.approx(np.zeros(17), abs=1e-9)
     flat, level = (
-        PlanarState(
+        nav.PlanarState(
             rng.normal(size=2), rng.uniform(-3, 3), *rng.normal(size=2), 1.0, rng.normal(size=2)
         )
         for _ in range(2)
@@ -101,8 +96,8 @@ def test_dead_reckoning_of_a_circle() -> None:
     """A mean heading over each piece is exact to the third power of the turn."""
     t = np.arange(0, 2 * np.pi + 0.05, 0.05)
     odometry = Odometry(t, np.full(len(t), 2.0), np.full(len(t), 1.0))
-    motion = OdometryMotion(odometry, STILL)
-    half, _, _ = ahead(motion, 0.0, np.pi, PlanarState(np.zeros(2), 0.0))
+    motion = nav.OdometryMotion(odometry, STILL)
+    half, _, _ = ahead(motion, 0.0, np.pi, nav.PlanarState(np.zeros(2), 0.0))
     assert half.position == pytest.approx([0.0, 4.0], abs=2e-3)
     full, _, _ = ahead(motion, np.pi, 2 * np.pi, half)
     assert full.position == pytest.approx([0.0, 0.0], abs=2e-3)
@@ -112,10 +107,10 @@ def test_dead_reckoning_of_a_circle() -> None:
 def test_the_transition_of_dead_reckoning_is_the_derivative() -> None:
     rng = np.random.default_rng(3)
     t = np.arange(0, 2, 0.1)
-    motion = OdometryMotion(
+    motion = nav.OdometryMotion(
         Odometry(t, rng.uniform(0, 2, len(t)), rng.normal(0, 0.5, len(t))), STILL
     )
-    start = PlanarState(np.array([1.0, 2.0]), 0.4, 0.05, 0.02)
+    start = nav.PlanarState(np.array([1.0, 2.0]), 0.4, 0.05, 0.02)
     end, Phi, Q = ahead(motion, 0.0, 1.77, start)
     assert not Q.any()
     for column in range(5):
@@ -129,9 +124,9 @@ def test_the_noise_of_dead_reckoning_is_that_of_many_runs() -> None:
     """White noise on speed and rate, 4000 runs; deviations have a relative error of 1.1 %."""
     rng, t = np.random.default_rng(5), np.arange(0, 10.01, 0.1)
     speed, rate = np.full(len(t), 1.5), np.full(len(t), 0.2)
-    noise = OdometryNoise(0.02, 0.01, 0.0, 0.0)
-    motion = OdometryMotion(Odometry(t, speed, rate), noise)
-    _, _, Q = ahead(motion, 0.0, 10.0, PlanarState(np.zeros(2), 0.0))
+    noise = nav.OdometryNoise(0.02, 0.01, 0.0, 0.0)
+    motion = nav.OdometryMotion(Odometry(t, speed, rate), noise)
+    _, _, Q = ahead(motion, 0.0, 10.0, nav.PlanarState(np.zeros(2), 0.0))
     runs = 4000
     u = speed[1:, None] + 0.02 / 0.1**0.5 * rng.standard_normal((100, runs))
     w = rate[1:, None] + 0.01 / 0.1**0.5 * rng.standard_normal((100, runs))

@@ -66,8 +66,8 @@ def test_velocities_of_antenna_and_wheels_are_those_of_the_body() -> None:
     """The way of the antenna, by differences; a car whose IMU is turned in it."""
     path, t = Path(), np.array([0.7])
     moved = (path.antenna(t + 1e-4) - path.antenna(t - 1e-4)) / 2e-4
-    turned = path.attitude(t[0]).as_matrix()
-    state = nav.InertialState(path.position(t[0]), path.velocity(t[0]), turned)
+    state = path.state(0.7)
+    turned = state.attitude
     seen = nav.Velocities(t, moved, np.ones(3), path.rate(t), LEVER_ARM)
     axes = Rotation.from_euler("ZYX", [0.4, 0.2, -0.1]).as_matrix()
     car = nav.InertialState(np.zeros(3), turned @ axes.T @ [9.0, 0.0, 0.0], turned)
@@ -92,7 +92,7 @@ def case() -> tuple[Any, nav.Start, Fixes]:
     fixes = fixes_of(path, 10.0, 0.1 * rng.standard_normal((49, 3)))
     motion = motion_on(path, 10.0, rng, earth=EARTH)
     spread = np.repeat([0.1, 0.05, 0.05, 0.05, 0.003], 3)
-    return motion, nav.Start(0.0, path.start(), np.diag(spread**2)), fixes
+    return motion, nav.Start(0.0, path.state(0.0), np.diag(spread**2)), fixes
 
 
 def test_a_users_own_sensor_is_as_good_as_one_of_the_library() -> None:

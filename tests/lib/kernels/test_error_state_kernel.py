@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 from lib.inertial.made import ANCHORS, LEVER_ARM, Path, imu_of
+from lib.kernels.both_ways import both
 
 from inswsn_lib import inertial as nav
-from inswsn_lib.kernels import PLAIN
 from inswsn_lib.streams import Fixes, Odometry, Ranges
 
 NAMES = tuple("ABCDEF")
@@ -57,9 +57,9 @@ def inertial(seed: int) -> tuple[Any, nav.Start, list[Any], dict[str, Any]]:
         ),
     ]  # fmt: skip
     root = 0.1 * rng.standard_normal((15, 15)) + 0.2 * np.eye(15)
-    begun = path.start().plus(0.05 * rng.standard_normal(15))
+    begun = path.state(0.0).plus(0.05 * rng.standard_normal(15))
     start = nav.Start(0.0, begun, root @ root.T)
-    about = path.start().plus(0.2 * rng.standard_normal(15))
+    about = path.state(0.0).plus(0.2 * rng.standard_normal(15))
     return motion, start, observed, {"about": about}
 
 
@@ -100,16 +100,10 @@ def numbers(found: Any) -> list[Any]:
     ]  # fmt: skip
 
 
-def same(monkeypatch: pytest.MonkeyPatch, *told: Any, **more: Any) -> nav.Solution:
+def same(*told: Any, **more: Any) -> nav.Solution:
     """Hold the compiled run against the plain one, to rounding, and return it."""
-    monkeypatch.delenv(PLAIN, raising=False)
-    compiled = nav.run_error_state(*told, **more)
-    monkeypatch.setenv(PLAIN, "1")
-    plain = nav.run_error_state(*told, **more)
-    mine, theirs = numbers(compiled), numbers(plain)
-    assert len(mine) == len(theirs)
-    for one, other in zip(mine, theirs, strict=True):
-        assert np.shape(one) == np.shape(other)
+    compiled, plain = both(lambda: nav.run_error_state(*told, **more))
+    for one, other in zip(numbers(compiled), numbers(plain), strict=True):
         assert np.asarray(one).dtype == np.asarray(other).dtype
         scale = np.max(np.abs(np.nan_to_num(np.asarray(other, dtype=float))), initial=1e-3)
         np.testing.assert_allclose(one, other, rtol=1e-8, atol=1e-9 * scale)
@@ -119,49 +113,47 @@ def same(monkeypatch: pytest.MonkeyPatch, *told: Any, **more: Any) -> nav.Soluti
 @pytest.mark.parametrize("made", [inertial, planar])
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("gate", [np.inf, 9.0])
-def test_both_find_the_same(
-    made: Any, seed: int, gate: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_both_find_the_same(made: Any, seed: int, gate: float) -> None:
     motion, start, observed, about = made(seed)
-    found = same(monkeypatch, motion, start, observed, gate=gate)
+    found = same(motion, start, observed, gate=gate)
     used = np.concatenate([part for each in found.innovations for part in each.used])
     assert used.all() == np.isinf(gate)  # a gate leaves out some
-    bare = same(monkeypatch, motion, start, observed, gate=gate, kept=False)
+    bare = same(motion, start, observed, gate=gate, kept=False)
     assert bare.log_likelihood == pytest.approx(found.log_likelihood, rel=1e-12)
     for one, other in zip(bare.innovations, found.innovations, strict=True):
         assert np.array_equal(one.squares, other.squares)
         assert np.array_equal(one.time, other.time)
-    same(monkeypatch, motion, start, observed, gate=gate, **about)
+    same(motion, start, observed, gate=gate, **about)
 
 
 @pytest.mark.parametrize("made", [inertial, planar])
 @pytest.mark.parametrize("kept", [True, False])
-def test_edges(made: Any, kept: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_edges(made: Any, kept: bool) -> None:
     motion, start, observed, _ = made(3)
-    same(monkeypatch, motion, start, observed, end=0.35, kept=kept)
-    same(monkeypatch, motion, start, observed, gate=0.0, kept=kept)  # nothing passes
+    same(motion, start, observed, end=0.35, kept=kept)
+    same(motion, start, observed, gate=0.0, kept=kept)  # nothing passes
     fixes = observed[0]
     nothing = replace(fixes.fixes, position=np.full_like(fixes.fixes.position, np.nan))
-    found = same(monkeypatch, motion, start, [replace(fixes, fixes=nothing)], kept=kept)
+    found = same(motion, start, [replace(fixes, fixes=nothing)], kept=kept)
     assert found.log_likelihood == 0.0
     assert len(found.states) == kept * np.sum(nothing.time > 0)
     # beyond the last sample of the sensor, and an observation without states of its own
     late = replace(nothing, time=nothing.time + 2.0)
     bare = nav.PositionFixes(late, fixes.lever_arm, fixes.white)
-    same(monkeypatch, motion, start, [bare, observed[2]], kept=kept)
+    same(motion, start, [bare, observed[2]], kept=kept)
 
 
 @pytest.mark.parametrize("made", [inertial, planar])
-def test_what_comes_one_after_the_other(made: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_comes_one_after_the_other(made: Any) -> None:
     motion, start, observed, _ = made(4)
-    states = []
-    for plain in ("", "1"):
-        monkeypatch.setenv(PLAIN, plain)
+
+    def run() -> tuple[Any, ...]:
         running = nav.ErrorStateFilter(start, observed, gate=9.0)
         for k in range(1, 5):
             running.predict(motion, float(observed[0].fixes.time[k]))
             running.measure(0, observed[0], k)
             running.measure(1, observed[1], k)
-        states.append((running.state.row, running.covariance, running.log_likelihood))
-    for one, other in zip(*states, strict=True):
+        return running.state.row, running.covariance, running.log_likelihood
+
+    for one, other in zip(*both(run), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-11)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 from hypothesis import given, settings, strategies as st
+from lib.kernels.both_ways import both
 from sklearn.neural_network import MLPRegressor
 
 from inswsn_lib.errors import ParameterError
@@ -83,18 +84,20 @@ def by_hand(
 def test_it_trains_as_by_hand(
     seed: int, inputs: int, hidden: int, outputs: int, decay: float, held: float, trainer: Any
 ) -> None:
-    """Both steppers, with and without samples that stop it, each network at its own time."""
+    """Both steppers, compiled and not, with and without samples that stop each network."""
     rng = np.random.default_rng(seed)
     X, Y = rng.normal(size=(14, inputs)), rng.normal(size=(14, outputs))
     machine = BackpropRegressor(
         hidden, trainer, epochs=5, learning_rate=0.2, momentum=0.7, weight_decay=decay,
         validation_share=held, patience=2, scaling="standard", networks=3,
-    ).fit(X, Y)  # fmt: skip
+    )  # fmt: skip
+    ways = both(lambda: BackpropRegressor(**machine.get_params()).fit(X, Y))
     for i in range(3):
         weights, steps, loss = by_hand(machine, X, Y, i)
-        assert machine.steps_[i] == steps
-        assert machine.weights_[i] == pytest.approx(weights, rel=1e-4, abs=1e-5)
-        assert machine.losses_[i] == pytest.approx(loss, rel=1e-5)
+        for trained in ways:
+            assert trained.steps_[i] == steps
+            assert trained.weights_[i] == pytest.approx(weights, rel=1e-4, abs=1e-5)
+            assert trained.losses_[i] == pytest.approx(loss, rel=1e-5)
 
 
 @pytest.mark.parametrize("trainer", TRAINERS)
@@ -242,14 +245,15 @@ def test_steps_that_overflow_leave_the_best_weights() -> None:
     assert machine.steps_.max() < 100  # and the network is given up
 
 
-def test_a_network_that_overflows_holds_up_no_other() -> None:
-    X, y = data(16)
-    machine = BackpropRegressor(5, "gradient-descent", 300, 0.01, 0.9, scaling="none")
-    broken, beside = machine.fit_many([X, X], [1e200 * y, y], [1, 2])
-    (alone,) = machine.fit_many([X], [y], [2])
-    assert broken.steps_.max() < 100
-    assert beside.weights_ == pytest.approx(alone.weights_)
-    assert beside.steps_ == alone.steps_
+@pytest.mark.parametrize("trainer", TRAINERS)
+def test_a_network_that_overflows_holds_up_no_other(trainer: Any) -> None:
+    X, y = data(16, n=15)
+    machine = BackpropRegressor(2, trainer, 150, 0.01, 0.9, scaling="none")
+    for broken, beside in both(lambda: machine.fit_many([X, X], [1e200 * y, y], [1, 2])):
+        (alone,) = machine.fit_many([X], [y], [2])
+        assert broken.steps_.max() < 100
+        assert beside.weights_ == pytest.approx(alone.weights_, rel=1e-6)
+        assert beside.steps_ == alone.steps_
 
 
 def test_a_damping_that_has_fallen_far_can_rise_again() -> None:

@@ -34,14 +34,6 @@ def test_kernels_are_those_of_scikit_learn() -> None:
         assert found == pytest.approx(expected[kernel])
 
 
-@pytest.mark.parametrize("kernel", KERNELS)
-def test_kernels_of_stacks_are_those_of_each(kernel: Any) -> None:
-    rng = np.random.default_rng(3)
-    X, Z = rng.normal(size=(4, 5, 3)), rng.normal(size=(4, 2, 3))
-    each = [kernel_matrix(x, z, kernel, 1.7, 3) for x, z in zip(X, Z, strict=True)]
-    assert kernel_matrix(X, Z, kernel, 1.7, 3) == pytest.approx(np.stack(each), rel=1e-12)
-
-
 def test_a_tiny_width_and_a_rank_raise_no_warning() -> None:
     """The diagonal of the polynomial kernel, which overflows, is not formed for another one."""
     X, y = data(1)

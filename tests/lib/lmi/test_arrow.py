@@ -36,14 +36,8 @@ def test_the_largest_eigenvalues_by_hand() -> None:
     G = np.zeros((3, 9, 3))
     for c in range(3):
         G[c, 3 * c : 3 * c + 3] = np.eye(3)
-    places = Places(
-        3,
-        np.arange(4),
-        np.array([0, 0, 1, 2]),
-        np.array([0, 1, 1, 2]),
-        np.array([1.0, 1.0, 1.0, -1.0]),
-        1,
-    )
+    row, column, signs = [0, 0, 1, 2], [0, 1, 1, 2], np.array([1.0, 1.0, 1.0, -1.0])
+    places = Places(3, np.arange(4), np.array(row), np.array(column), signs, 1)
     last = np.array([0.0, 0.0, 1.0])
     given = Arrow(
         places, np.tile(np.eye(3), (3, 1, 1)), 1 - last, last, np.zeros((3, 4)), G, upper.ravel(),

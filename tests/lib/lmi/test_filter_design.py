@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from conftest import WHOLE
 from hypothesis import given, settings, strategies as st
-from other_units import in_units
+from random_systems import drawn, in_units, positions_only
 from scipy.linalg import solve_discrete_are
 
 from inswsn_lib import ErrorModel
@@ -27,26 +27,18 @@ from inswsn_lib.lmi import (
     minimise_gamma,
     riccati_filter,
 )
-from inswsn_lib.lmi.designs import Form
+from inswsn_lib.lmi.designs import Certificate, Form
 from inswsn_lib.lmi.filter_design import certify, inequality
 from inswsn_lib.lmi.riccati import riccati_gamma
 from inswsn_lib.lmi.stochastic import riccati_gain_below
 from inswsn_lib.lmi.units import Units
 
 FORMS: tuple[Form, ...] = ("exact", "printed")
-KINDS = ("stable", "unstable", "hidden mode", "badly scaled")
+KINDS = ("stable", "unstable", "hidden", "badly scaled")
 EACH = 60 if WHOLE else 8
 # What may differ between solvers: the relative accuracy of gamma.
 CLOSE = 1e-4
 WALK = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)
-
-
-def positions_only(period: float) -> ErrorModel:
-    return replace(ErrorModel.p1(period), C=np.eye(2, 4), D=np.eye(2))
-
-
-def one(number: float) -> np.ndarray:
-    return np.array([[number]])
 
 
 def scalar(**numbers: float) -> ErrorModel:
@@ -193,39 +185,15 @@ def test_the_design_says_what_it_is() -> None:
     assert not design_filter(replace(model, E=0.01 * np.eye(4))).buildable
     certificate = design.certificate
     assert certificate.norm == pytest.approx(hinf_norm(A, B, L))
-    # in units in which a Kalman predictor's errors have the covariance I
-    units = Units.of(model)
-    back = np.linalg.inv(units.states)
-    P, gain = back.T @ design.P @ back, units.states @ design.gain @ np.linalg.inv(units.outputs)
-    values = np.linalg.eigvalsh(P)
-    assert certificate.smallest_eigenvalue_p == pytest.approx(values[0] / values[-1])
-    scaled, P = units.scaled(model), P / units.seen**2
-    blocks = np.block(inequality(filter_design._numbers(scaled), P, P @ gain,
-                                 (design.level / units.seen) ** 2, "exact"))  # fmt: skip
-    largest = np.linalg.eigvalsh(blocks).max() / np.abs(blocks).max()
-    assert certificate.largest_eigenvalue == pytest.approx(largest, abs=1e-12)
 
 
 # Random systems -----------------------------------------------------------------------------------
 
 
 def draw(kind: str, seed: int, jitter: bool = False) -> ErrorModel:
-    """Return a random model; D has full row rank, so that the Riccati equation exists."""
-    rng = np.random.default_rng([KINDS.index(kind), seed])
-    n, m, p = (int(rng.integers(1, high)) for high in (5, 4, 4))
-    A = rng.normal(size=(n, n))
-    radius = rng.uniform(1.0, 1.5) if kind == "unstable" else rng.uniform(0.1, 0.95)
-    A *= radius / np.abs(np.linalg.eigvals(A)).max()
-    C = rng.normal(size=(m, n))
-    if kind == "hidden mode":  # a state of its own that no output sees, stable or not
-        A = np.block([[A, np.zeros((n, 1))], [rng.normal(size=(1, n)), rng.uniform(0.2, 1.2)]])
-        C, n = np.hstack([C, np.zeros((m, 1))]), n + 1
-    model = ErrorModel(
-        A=A, B=rng.normal(size=(n, p)), C=C, D=rng.normal(size=(m, m + 1)),
-        L=rng.normal(size=(2, n)), E=0.1 * rng.normal(size=(n, n)) if jitter else None,
-        period=1.0,
-    )  # fmt: skip
-    return in_units(model, rng, 6) if kind == "badly scaled" else model
+    rng, scaled = np.random.default_rng([KINDS.index(kind), seed]), kind == "badly scaled"
+    model = drawn("stable" if scaled else kind, rng, jitter=jitter)
+    return in_units(model, rng, 6) if scaled else model
 
 
 def found(model: ErrorModel, form: Form) -> FilterDesign | None:
@@ -322,6 +290,13 @@ def test_other_states_are_tried_where_the_first_fail(monkeypatch: pytest.MonkeyP
 
 WIDE = (1.0, 1.0)  # bounds that say nothing
 PLAIN = Units(np.eye(1), np.eye(1), np.eye(1), 1.0)
+ROOT = 2**0.5  # the norm of a walk with the gain 1, where P = 1 alone is left
+
+
+def certified(
+    P: float, gain: float = 1.0, level: float = 1.6, bounds: Any = WIDE, model: Any = WALK
+) -> Certificate:
+    return certify(model, np.array([[P]]), np.array([[gain]]), level, "exact", bounds, PLAIN)
 
 
 def largest_of_walk(P: float, gain: float, level: float) -> float:
@@ -335,46 +310,46 @@ def largest_of_walk(P: float, gain: float, level: float) -> float:
 
 
 @pytest.mark.parametrize(
-    ("P", "gain", "level", "also"),
+    ("P", "level", "bounds"),
     [
-        (-3.0, 1.0, 1.6, ""),
-        (0.5, 1.0, 1.6, ""),
-        (1.1, 1.0, 1.4, "; the norm is 1.41421, above 1.4"),
-        (
-            1.1, 0.0, 1.6,
-            "; the error system has the spectral radius 1; the error system has the mean-square "
-            "radius 1; the norm is inf, above 1.6",
-        ),
+        (1.01, 1.6, WIDE), (1.27, 1.6, WIDE), (1.1, 1.6, (1.4, 1.4013)),
+        # rounding is forgiven; an eigenvalue of 1 - P is over 2.56
+        (1.0, ROOT * (1 - 5e-7), WIDE), (1 - 2e-6, 1.6, WIDE),
     ],
 )  # fmt: skip
-def test_what_does_not_pass_is_told(P: float, gain: float, level: float, also: str) -> None:
+def test_what_passes_is_certified(P: float, level: float, bounds: tuple[float, float]) -> None:
     """With the gain 1 the error of a random walk is w - v, and any P from 1 to 1.28 will do."""
-    for fine in (1.01, 1.27):
-        made = certify(WALK, one(fine), one(1.0), 1.6, "exact", WIDE, PLAIN)
-        assert made.largest_eigenvalue == pytest.approx(largest_of_walk(fine, 1, 1.6))
-        assert made.smallest_eigenvalue_p == 1.0
+    made = certified(P, level=level, bounds=bounds)
+    assert made.largest_eigenvalue == pytest.approx(largest_of_walk(P, 1, level), abs=1e-12)
+    assert (made.smallest_eigenvalue_p, made.lower, made.upper) == (1.0, *bounds)
+
+
+@pytest.mark.parametrize(
+    ("P", "gain", "level", "said"),
+    [
+        (-3.0, 1.0, 1.6, "P has the eigenvalue -3; {}"),
+        (0.5, 1.0, 1.6, "{}"),
+        (1.1, 1.0, 1.4, "{}; the norm is 1.41421, above 1.4"),
+        (
+            1.1, 0.0, 1.6,
+            "{}; the error system has the spectral radius 1; the error system has the mean-square "
+            "radius 1; the norm is inf, above 1.6",
+        ),
+        (1.0, 1.0, ROOT * (1 - 5e-6), "{}; the norm is 1.41421, above 1.41421"),
+        (1 - 3e-6, 1.0, 1.6, "{}"),
+    ],
+)  # fmt: skip
+def test_what_does_not_pass_is_told(P: float, gain: float, level: float, said: str) -> None:
+    largest = f"the inequality has the eigenvalue {largest_of_walk(P, gain, level):.3g}"
     with pytest.raises(InfeasibleDesignError) as caught:
-        certify(WALK, one(P), one(gain), level, "exact", WIDE, PLAIN)
-    said = f"the inequality has the eigenvalue {largest_of_walk(P, gain, level):.3g}{also}."
-    said = f"P has the eigenvalue {P:.3g}; {said}" if P < 0 else said
-    assert str(caught.value) == f"The design does not pass its certificate: {said}"
-
-
-def test_a_certificate_with_jitter() -> None:
-    """a = e = 1/2, not measured: the gain is 1 / (sqrt(1 - e^2) - a) = 2.73, and 2 without e."""
-    model, P, gain = scalar(A=0.5, C=0.0, E=0.5), one(3.2), one(0.0)
-    certificate = certify(model, P, gain, 2.8, "exact", WIDE, PLAIN)
-    assert certificate.norm == pytest.approx(2)
-    with pytest.raises(InfeasibleDesignError, match="the Riccati iteration does not confirm the g"):
-        certify(model, P, gain, 2.7, "exact", WIDE, PLAIN)
-    with pytest.raises(InfeasibleDesignError, match=r"the mean-square radius 1\.06;.* not confirm"):
-        certify(scalar(A=0.5, C=0.0, E=0.9), P, gain, 1e3, "exact", WIDE, PLAIN)
+        certified(P, gain, level)
+    told = said.format(largest)
+    assert str(caught.value) == f"The design does not pass its certificate: {told}."
 
 
 @pytest.mark.parametrize(
     ("bounds", "said"),
     [
-        ((1.4, 1.4013), None),
         ((1.4, 1.4015), r"only known to lie between 1\.4 and 1\.4015\.$"),
         ((0.0, np.inf), "only known to lie between 0 and inf"),
         ((1.4, np.inf), "only known to lie between 1.4 and inf"),
@@ -382,32 +357,20 @@ def test_a_certificate_with_jitter() -> None:
     ],
 )
 def test_bounds_that_are_far_apart_or_refuted_do_not_pass(
-    bounds: tuple[float, float], said: str | None
+    bounds: tuple[float, float], said: str
 ) -> None:
-    if said is None:
-        made = certify(WALK, one(1.1), one(1.0), 1.6, "exact", bounds, PLAIN)
-        assert (made.lower, made.upper) == bounds
-    else:
-        with pytest.raises(InfeasibleDesignError, match=said):
-            certify(WALK, one(1.1), one(1.0), 1.6, "exact", bounds, PLAIN)
+    with pytest.raises(InfeasibleDesignError, match=said):
+        certified(1.1, bounds=bounds)
 
 
-@pytest.mark.parametrize(
-    ("P", "level", "passes"),
-    [
-        # the norm is the root of 2, where P = 1 alone is left; an eigenvalue of 1 - P over 2.56
-        (1.0, 2**0.5 * (1 - 5e-7), True),
-        (1.0, 2**0.5 * (1 - 5e-6), False),
-        (1 - 2e-6, 1.6, True),
-        (1 - 3e-6, 1.6, False),
-    ],
-)
-def test_a_certificate_forgives_rounding_and_no_more(P: float, level: float, passes: bool) -> None:
-    if passes:
-        certify(WALK, one(P), one(1.0), level, "exact", WIDE, PLAIN)
-    else:
-        with pytest.raises(InfeasibleDesignError, match=r"certificate: .* the eigenvalue .*e-06"):
-            certify(WALK, one(P), one(1.0), level, "exact", WIDE, PLAIN)
+def test_a_certificate_with_jitter() -> None:
+    """a = e = 1/2, not measured: the gain is 1 / (sqrt(1 - e^2) - a) = 2.73, and 2 without e."""
+    model = scalar(A=0.5, C=0.0, E=0.5)
+    assert certified(3.2, 0.0, 2.8, model=model).norm == pytest.approx(2)
+    with pytest.raises(InfeasibleDesignError, match="the Riccati iteration does not confirm the g"):
+        certified(3.2, 0.0, 2.7, model=model)
+    with pytest.raises(InfeasibleDesignError, match=r"the mean-square radius 1\.06;.* not confirm"):
+        certified(3.2, 0.0, 1e3, model=scalar(A=0.5, C=0.0, E=0.9))
 
 
 def test_the_inequality_is_the_lemma_written_out() -> None:

@@ -52,25 +52,14 @@ def test_a_sharp_resonance_between_grid_points() -> None:
     assert hinf_norm(A, [[1.0], [0.0]], [[0.0, 1.0]]) == pytest.approx(peak, rel=1e-6)
 
 
-@settings(max_examples=30)
+@settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 5), st.integers(1, 3), st.integers(1, 3))
-def test_the_norm_is_the_top_of_a_fine_sweep(seed: int, n: int, p: int, q: int) -> None:
+def test_the_norm_agrees_with_control(seed: int, n: int, p: int, q: int) -> None:
     A, B, C = stable_system(seed, n, p, q)
-    norm = hinf_norm(A, B, C)
-    sweep = largest_singular_value(A, B, C, np.linspace(0, np.pi, 4001)).max()
-    assert sweep <= norm * (1 + 1e-9)
-    # a sweep misses at most what the slope allows between its points
-    assert norm <= sweep * 1.01 or spectral_radius(A) > 0.95
-
-
-def test_the_norm_agrees_with_control() -> None:
-    for seed in range(10):
-        A, B, C = stable_system(seed, 4, 2, 2)
-        system = control.ss(A, B, C, np.zeros((2, 2)), True)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            expected = control.norm(system, p="inf", tol=1e-9)
-        assert hinf_norm(A, B, C) == pytest.approx(expected, rel=1e-6)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        expected = control.norm(control.ss(A, B, C, np.zeros((q, p)), True), p="inf", tol=1e-9)
+    assert hinf_norm(A, B, C) == pytest.approx(expected, rel=1e-6)
 
 
 @settings(max_examples=20)

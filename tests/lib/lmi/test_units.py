@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from other_units import in_units
+from random_systems import in_units
 
 from inswsn_lib import ErrorModel
 from inswsn_lib.lmi.units import Units

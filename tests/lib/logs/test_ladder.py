@@ -25,16 +25,17 @@ from inswsn_lib.logs.correction import (
     is_planar,
 )
 from inswsn_lib.logs.difference_filters import FAMILIES, DifferenceFilters
-from inswsn_lib.logs.estimates import Estimate, largest_lag_one, line_through, scores
+from inswsn_lib.logs.estimates import Estimate, largest_lag_one, scores, truth_at
 from inswsn_lib.logs.ladder import ALONE, NETWORK, SMOOTHER
 from inswsn_lib.logs.standstill import standstill_times
-from inswsn_lib.streams import Fixes, Imu, Odometry, Recording
+from inswsn_lib.streams import Fixes, Imu, Odometry, Recording, Reference
 
 
 def test_a_line_gives_position_and_velocity_of_a_straight_way_between_its_rows_alone() -> None:
     time = np.arange(0.0, 2.0, 0.02)
     track = np.column_stack([1 + 3 * time, 2 - time])
-    found = line_through(time, track, np.array([0.5, 1.013, 3.0]), 0.075)
+    recording = Recording("line", reference=Reference(time, track))
+    found = truth_at(recording, np.array([0.5, 1.013, 3.0]))
     assert found[:2] == pytest.approx(np.array([[2.5, 1.5, 3, -1], [4.039, 0.987, 3, -1]]))
     assert np.isnan(found[2]).all()
 
@@ -181,8 +182,7 @@ def test_a_scale_of_all_ranges_is_found() -> None:
 
 
 def test_outages_of_a_drive_are_bridged_by_odometry() -> None:
-    drive: Recording = made_drive(3)
-    table = Outages(Ladder(drive, alignment=10.0, begins=1), 4.0, 4.0).table((4.0,))
+    table = Outages(Ladder(made_drive(3), alignment=10.0, begins=1), 4.0, 4.0).table((4.0,))
     assert table.loc["coasting filter", "high 4 s"] < 1
 
 
@@ -264,11 +264,17 @@ def test_a_body_stands_only_where_it_does() -> None:
     assert not len(standstill_times(imu, Fixes(at, 5 * at[:, None] * [1.0, 0, 0]), 0.02, 60.0))
 
 
-def test_standing_is_told_to_a_filter_by_fixes_that_are_not_withheld() -> None:
-    recording, _ = _car_with_wheels(5)
-    filters = correction_of(recording, 20.0)
-    name = WHEELS + STANDSTILL
-    run, begin, all_of = filters.rungs[name].run, filters.rungs[name].begin, len(filters.fixes)
-    alone = filters.rungs[WHEELS].run(*begin)
-    assert len(run(*begin).time) > len(alone.time)
-    assert len(run(*begin, gone=np.ones(all_of, bool)).time) == len(alone.time)
+def test_who_stands_has_no_velocity_but_where_the_fixes_that_tell_are_withheld() -> None:
+    recording, motion = _car_with_wheels(5)
+    filters = correction_of(replace(recording, odometry=None), 20.0)
+    runs = {name: filters.rungs[name].run for name in (COLOURED, COLOURED + STANDSTILL)}
+    begin, withheld = filters.rungs[COLOURED].begin, np.ones(len(filters.fixes), dtype=bool)
+    errors, events = [], []
+    for run in runs.values():
+        found = run(*begin)
+        truth = motion.velocity(found.time)
+        still = (found.time > 40) & (np.linalg.norm(truth, axis=1) < 1e-3)
+        errors.append(np.sqrt(np.mean((found.velocity - truth)[still] ** 2)))
+        events.append(len(run(*begin, gone=withheld).time))
+    assert errors[1] < errors[0] / 3
+    assert events[0] == events[1]

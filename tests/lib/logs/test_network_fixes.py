@@ -10,7 +10,8 @@ from made_recording import ROOM, made, made_drive, made_imu, motion
 
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.logs import report
-from inswsn_lib.logs.correction import WHITE, InertialCorrection, correction_of, network_of
+from inswsn_lib.logs.correction import WHITE, InertialCorrection, correction_of
+from inswsn_lib.logs.network_fixes import network_of
 from inswsn_lib.streams import Fixes, Ranges, Recording
 
 CEILING, FLOOR = ROOM * [1, 1, 0] + [0, 0, 2.5], ROOM * [1, 1, 0] + [0, 0, 0.1]

@@ -7,8 +7,7 @@ from made_recording import coloured
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from inswsn_lib.logs.blocks import block_starts, block_sums, jackknife
-from inswsn_lib.logs.robust_fit import covariance, fit
+from inswsn_lib.logs.blocks import block_starts, block_sums, covariance, fit, jackknife
 
 Array = NDArray[np.float64]
 
@@ -80,7 +79,7 @@ def test_errors_that_last_are_known_of() -> None:
     for seed in range(200):
         line = Line(np.ones((600, 1)), coloured(np.random.default_rng(seed), time, 1.0))
         state, noise = fit(line, np.zeros(1), 1.0, lambda _: one)
-        found, lost = covariance(line, state, noise, one, starts)
+        found, lost = covariance(line, state, noise, starts)
         assert not lost.any()
         missed += abs(state[0]) > 2.23 * np.sqrt(found[0, 0])  # Student's with 10 degrees
     assert 2 <= missed <= 21
@@ -89,5 +88,5 @@ def test_errors_that_last_are_known_of() -> None:
 def test_what_nothing_tells_is_lost() -> None:
     time = np.arange(100.0)
     line = Line(np.column_stack([np.ones(100), np.zeros(100)]), np.ones(100))
-    _, lost = covariance(line, np.zeros(2), 1.0, np.ones(2), block_starts(time, 5.0))
+    _, lost = covariance(line, np.zeros(2), 1.0, block_starts(time, 5.0))
     assert lost.tolist() == [False, True]

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.papers import AXES, COLUMNS, read_numbers, read_rows, read_table
+from inswsn_lib.papers import COLUMNS, read_numbers, read_rows, read_table
 
 
 def test_rows_are_in_printed_order_and_are_those_of_the_table(root: Path) -> None:
@@ -64,8 +64,3 @@ def test_an_unquoted_number_is_refused(tmp_path: Path) -> None:
         read_numbers(path)
     path.write_text("a: '0.10'\n")
     assert read_numbers(path) == {"a": "0.10"}
-
-
-def test_the_columns_are_in_printed_order() -> None:
-    assert COLUMNS == ("rx1", "rx2", "ry1", "ry2", "vx1", "vx2", "vy1", "vy2")
-    assert AXES == ("rx", "ry", "vx", "vy")

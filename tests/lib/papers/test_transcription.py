@@ -53,29 +53,18 @@ def test_filter_matrices(area: str, second: dict[str, Any], folder: Path) -> Non
 def test_text_of_p1(second: dict[str, Any], folder: Path) -> None:
     ours, theirs = read_numbers(folder / "p1.yaml")["text"], second["P1"]["text"]
     assert ours["hf_vs_kf"] == theirs["hf_vs_kf_area1"]
-    assert ours["lssvm_vs_bp"] == {
-        axis: theirs["lssvm_vs_bp"][name]
-        for axis, name in zip(
-            ("rx", "ry", "vx", "vy"),
-            ("position_x", "position_y", "velocity_x", "velocity_y"),
-            strict=True,
-        )
-    }
+    compared = {f"{kind[0].replace('p', 'r')}{axis}": theirs["lssvm_vs_bp"][f"{kind}_{axis}"]
+                for kind in ("position", "velocity") for axis in "xy"}  # fmt: skip
+    assert ours["lssvm_vs_bp"] == compared
     assert ours["selected"] == theirs["selected"]
     assert ours["sampling_period"] == theirs["sampling_period_text"]
     for name in ("training_points", "validation_points", "outage_seconds"):
         assert ours[name] == theirs[name]
     names = {
-        "width": "area_width",
-        "height": "area_height",
-        "start": "start",
-        "end": "end",
-        "area1_side": "training_area1_side",
-        "area2_side": "training_area2_side",
-        "node_spacing": "rn_spacing",
-        "range": "comm_range",
-        "wsn_accuracy_cm": "wsn_accuracy_cm",
-    }
+        "width": "area_width", "height": "area_height", "start": "start", "end": "end",
+        "area1_side": "training_area1_side", "area2_side": "training_area2_side",
+        "node_spacing": "rn_spacing", "range": "comm_range", "wsn_accuracy_cm": "wsn_accuracy_cm",
+    }  # fmt: skip
     assert ours["scene"] == {name: theirs[other] for name, other in names.items()}
 
 
@@ -87,10 +76,8 @@ def test_p2(second: dict[str, Any], folder: Path) -> None:
         for kind in ("position", "velocity")
         for axis in "xy"
     }
-    assert ours["settings"] == {
-        "node_spacing" if name == "rn_spacing" else "range" if name == "comm_range" else name: value
-        for name, value in theirs["settings"].items()
-    }
+    names = {"rn_spacing": "node_spacing", "comm_range": "range"}
+    assert ours["settings"] == {names.get(n, n): value for n, value in theirs["settings"].items()}
 
 
 def test_p3(second: dict[str, Any], folder: Path) -> None:

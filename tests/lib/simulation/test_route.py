@@ -18,14 +18,8 @@ from inswsn_lib.simulation.route_planning import plan_route
 Settings = dict[str, Setting]
 
 KINDS = [
-    "90-degree turn",
-    "long straight",
-    "stop and start",
-    "two turns",
-    "straight, curve, straight",
-    "braking and accelerating",
-    "S-curve",
-    "continuous curve",
+    *("90-degree turn", "long straight", "stop and start", "two turns"),
+    *("straight, curve, straight", "braking and accelerating", "S-curve", "continuous curve"),
 ]
 SEEDS = range(10)
 STEP = 0.05  # s, of the samples in these tests

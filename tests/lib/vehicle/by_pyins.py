@@ -12,33 +12,33 @@ from inswsn_lib.simulation import Drive
 from inswsn_lib.vehicle import FilterSettings, align
 
 
-class Compass(measurements.Measurement):
+class AtEpochs(measurements.Measurement):
+    """A number that is measured at the times of a table."""
+
+    def __init__(self, data: pd.DataFrame, deviation: float) -> None:
+        super().__init__(data)
+        self.R = np.array([[deviation**2]])
+
+    def compute_matrices(self, time, pva, error_model):  # type: ignore[no-untyped-def]
+        there = time in self.data.index
+        return (*self.seen(time, pva, error_model), self.R) if there else None
+
+
+class Compass(AtEpochs):
     """The yaw."""
 
-    def __init__(self, data: pd.DataFrame, deviation: float) -> None:
-        super().__init__(data)
-        self.R = np.array([[deviation**2]])
-
-    def compute_matrices(self, time, pva, error_model):  # type: ignore[no-untyped-def]
-        if time not in self.data.index:
-            return None
+    def seen(self, time, pva, error_model):  # type: ignore[no-untyped-def]
         z = np.deg2rad(pva.heading) - self.data.loc[time, "yaw"]
         row = np.deg2rad(error_model.transform_to_output(pva)[error_model.DHEADING])
-        return np.array([np.angle(np.exp(1j * z))]), row[None], self.R
+        return np.array([np.angle(np.exp(1j * z))]), row[None]
 
 
-class Sideways(measurements.Measurement):
+class Sideways(AtEpochs):
     """The lateral velocity, which is zero."""
 
-    def __init__(self, data: pd.DataFrame, deviation: float) -> None:
-        super().__init__(data)
-        self.R = np.array([[deviation**2]])
-
-    def compute_matrices(self, time, pva, error_model):  # type: ignore[no-untyped-def]
-        if time not in self.data.index:
-            return None
+    def seen(self, time, pva, error_model):  # type: ignore[no-untyped-def]
         z = (transform.mat_from_rph(pva[RPH_COLS]).T @ pva[VEL_COLS].to_numpy(float))[1:2]
-        return z, error_model.body_velocity_error_jacobian(pva)[1:2], self.R
+        return z, error_model.body_velocity_error_jacobian(pva)[1:2]
 
 
 def run_by_pyins(

@@ -167,14 +167,11 @@ def flown(begun: VehicleState, theta: np.ndarray, dv: np.ndarray) -> VehicleStat
 def only(drive: Drive, runs: Sequence[int]) -> Drive:
     """Return some runs of a drive."""
     take = list(runs)
-    return changed(drive, **{name: getattr(drive, name)[..., take] for name in SENSORS})
+    return replace(drive, **{name: getattr(drive, name)[..., take] for name in SENSORS})
 
 
-def changed(drive: Drive, **values: Any) -> Drive:
-    """Return the drive with other data."""
-    return replace(drive, **values)
-
-
+#: A drive with other data
+changed = replace
 SENSORS = ("rotation_increments", "velocity_increments", "gps_position", "gps_velocity", "compass")
 
 

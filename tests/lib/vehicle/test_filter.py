@@ -14,7 +14,6 @@ from lib.vehicle.made_drive import (
     PERIOD,
     SENSORS,
     TURN,
-    changed,
     flown,
     make_drive,
     off,
@@ -62,7 +61,7 @@ def with_values(drive: Drive, values: Any, at: Any, *names: str) -> Drive:
     data = {name: getattr(drive, name).copy() for name in names}
     for each in data.values():
         each[at] = values
-    return changed(drive, **data)
+    return replace(drive, **data)
 
 
 def deviations(state: VehicleState) -> np.ndarray:
@@ -179,7 +178,7 @@ def test_errors_of_nine_states_are_told_in_the_models_own_terms(feedback: bool) 
         expected = errors_of(run.states.corrected(), drive, epoch)[:, :9]
         told = found[epoch].T
         assert told == pytest.approx(expected, **close)
-    recorded = changed(drive, reference=replace(drive.reference, attitude=None))
+    recorded = replace(drive, reference=replace(drive.reference, attitude=None))
     with pytest.raises(ParameterError, match=r"one whose attitude is known, not a recording\.$"):
         navigation_error(run, recorded)
 
@@ -295,7 +294,7 @@ def test_the_gate_is_as_wide_as_it_says_and_keeps_an_outlier_out() -> None:
 def test_yaw_wraps() -> None:
     """A compass that counts on beyond a whole turn says the same."""
     drive = only(eight(), [0])
-    full = changed(drive, compass=drive.compass + 2 * np.pi)
+    full = replace(drive, compass=drive.compass + 2 * np.pi)
     one, two = (run_vehicle_filter(d, KNOWN) for d in (drive, full))
     assert np.isfinite(two.innovations[1:]).all()
     assert two.position == pytest.approx(one.position, rel=1e-12)
@@ -386,7 +385,7 @@ def test_it_is_aligned_by_weight_and_compass() -> None:
     C = TURN @ Rotation.from_euler("ZYX", [-137, -2, 3], degrees=True).as_matrix()
     drive = make_drive(2, 1)
     dv = np.tile(C.T @ [0, 0, 9.81] * PERIOD, (200, 1))[:, :, None]
-    standing = changed(drive, velocity_increments=dv, compass=np.full((3, 1), np.deg2rad(-137.0)))
+    standing = replace(drive, velocity_increments=dv, compass=np.full((3, 1), np.deg2rad(-137.0)))
     begun, run = align(standing, KNOWN), run_vehicle_filter(standing, KNOWN)
     assert begun.attitude[0] == pytest.approx(C, abs=1e-12)
     assert np.array_equal(begun.position[0], drive.gps_position[0, :, 0])
@@ -447,7 +446,7 @@ def test_settings_that_cannot_be(changes: dict[str, Any], said: str) -> None:
         replace(KNOWN, **changes)
 
 
-def test_settings_are_those_of_a_scenario_and_may_be_changed() -> None:
+def test_settings_are_those_of_a_scenario_and_may_be_replace() -> None:
     values = {f.name: getattr(KNOWN, f.name) for f in fields(KNOWN) if f.name != "extra"}
     told = {f"filter_{name}": x for name, x in (values | {"substeps": 4}).items()}
     del told["filter_gate"]
@@ -501,13 +500,13 @@ def test_a_drive_has_arrays_that_fit() -> None:
     drive = eight()
     for name in SENSORS:
         with pytest.raises(ParameterError, match=rf"{name} .* not of shape"):
-            changed(drive, **{name: getattr(drive, name)[:-1]})
+            replace(drive, **{name: getattr(drive, name)[:-1]})
     for name in SENSORS[:2]:  # an INS has no gaps
         with pytest.raises(ParameterError, match=rf"{name} .* not NaN or infinite"):
             with_values(drive, np.nan, 5, name)
     for values in ({"time": drive.time**1.1}, {"time": drive.time[:1]}, {"period": 0.013}):
         with pytest.raises(ParameterError, match="time must be"):
-            changed(drive, **values)
+            replace(drive, **values)
     for start in (-1, 61):
         with pytest.raises(ParameterError, match="places must be"):
-            changed(drive, places=(Place("off", start),))
+            replace(drive, places=(Place("off", start),))
