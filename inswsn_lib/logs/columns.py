@@ -99,11 +99,6 @@ class Column(NamedTuple):
     unit: str = ""  # of time stamps
     size: float = 1.0  # how many of its unit make one of the wanted unit
 
-    @property
-    def largest(self) -> float:
-        """Below which size numbers are."""
-        return _LARGEST_TIME * self.size if self.unit else LARGEST
-
 
 _TRACKS = Layout((TIME, *INS, *WSN[:2]), (WSN[2:], REFERENCE), gaps=(*WSN, *REFERENCE))
 
@@ -123,9 +118,9 @@ def read_table(
 ) -> Table:
     """Return the columns of a CSV file that a layout names; others are ignored.
 
-    Entry k of each is row k + 2 of the file, comments and blank lines not counted. Columns of
-    numbers are floats, NaN where a cell is empty; columns of words are strings. `named` tells what
-    columns are called in the file, and their units, if they have not their own names.
+    Entry k of each is row k + 2 of the file, comments and blank lines not counted. Numbers are
+    floats, NaN where a cell is empty. `named` tells what columns are called in the file, and their
+    units, if they have not their own names.
     """
     named = named or {}
     names = {*layout.names, *_STAMPS, *(name for name, _ in named.values())}
@@ -272,8 +267,8 @@ def _cells(path: Path, column: Column, texts: list[str], first: int, dated: bool
     if column.text:
         return np.array(texts, dtype=object)
     read = np.vectorize(_seconds, otypes=[float]) if dated and column.unit == "s" else floats
-    found = read(texts)
-    for row in np.flatnonzero(~(np.abs(found) <= column.largest)).tolist():
+    found, largest = read(texts), _LARGEST_TIME * column.size if column.unit else LARGEST
+    for row in np.flatnonzero(~(np.abs(found) <= largest)).tolist():
         if texts[row].lower() in ("", "nan"):
             continue
         or_else = ", or a date and time by ISO 8601" if column.unit == "s" else ""
@@ -282,7 +277,7 @@ def _cells(path: Path, column: Column, texts: list[str], first: int, dated: bool
             or_else += f"; it seems to be in {sizes[0]}, of which the column is time_{sizes[0]}"
         raise InswsnError(
             f"{path} has {texts[row][:40]!r} in column {column.name}, row {first + row}; it must "
-            f"be a finite number below {column.largest:.0e}{or_else}."
+            f"be a finite number below {largest:.0e}{or_else}."
         )
     return found / column.size
 
@@ -313,8 +308,6 @@ def reading(path: Path) -> Iterator[None]:
         if str(path) in str(error):
             raise
         raise InswsnError(f"{path}: {error}") from None
-    except OSError as error:
-        raise InswsnError(f"{path} cannot be read: {error.strerror}.") from None
     except (ValueError, KeyError, IndexError, TypeError, OverflowError) as error:
         raise InswsnError(f"{path} cannot be read: {str(error).strip('.')}.") from None
 
@@ -369,10 +362,7 @@ def check_twins(anchors: Sequence[object]) -> None:
 def places_of(
     wanted: Iterable[object], known: Sequence[object], first: int = 1
 ) -> NDArray[np.int64]:
-    """Return where each anchor stands among those that are known; refuse another.
-
-    `first` is the number of the first row, to name a row in a sentence.
-    """
+    """Return where each anchor stands among those that are known; refuse another, by its row."""
     places = {each: place for place, each in enumerate(known)}
     wanted = list(wanted)
     for row, each in enumerate(wanted, start=first):
@@ -403,8 +393,7 @@ def unit_quaternions(value: Array, first: int = 1) -> Array:
     """Return quaternions (rows, 4) of unit length; refuse what is none, naming the row."""
     length = np.linalg.norm(value, axis=1)
     off = np.abs(length - 1)
-    if (off > _UNIT).any():
-        row = int(np.argmax(off > _UNIT))
+    for row in np.flatnonzero(off > _UNIT).tolist():
         raise InswsnError(
             f"the quaternion in row {row + first} is {length[row]:.6g} long; it must be of unit "
             "length."

@@ -128,8 +128,19 @@ def read_csv_folder(place: Place) -> Recording:
     for name, layout in LAYOUTS.items():
         if name in used:
             with reading(used[name]):
-                named = sources.get(name, ("", {}))[1]
-                tables[name] = _checked(name, read_table(used[name], layout, named), about)
+                table = read_table(used[name], layout, sources.get(name, ("", {}))[1])
+                if not len(next(iter(table.values()))):
+                    raise InswsnError(
+                        "it has a header and no rows; leave out a stream that was not logged."
+                    )
+                if name == ANCHORS:
+                    check_twins(table["anchor"].tolist())
+                else:
+                    repeats = name == "ranges.csv"
+                    check_clock(f"in {TIME}", table[TIME], repeats=repeats, first=_FIRST)
+                if _GEODETIC[0] in table:
+                    _make_local(table, about)
+                tables[name] = table
     spans = [float(np.ptp(tables[name][TIME])) for name in _SLOWEST if name in tables]
     streams: dict[str, Any] = {}
     for what in _STREAMS:
@@ -147,19 +158,6 @@ def read_csv_folder(place: Place) -> Recording:
         )
     name = str(about.pop("name", "") or next(iter(used.values())).absolute().parent.name)
     return Recording(name, **streams, **about, digests=digests_of(*used.values()))
-
-
-def _checked(name: str, table: Table, about: dict[str, Any]) -> Table:
-    """Return the columns of a file, local ones for latitude and longitude; refuse odd rows."""
-    if not len(next(iter(table.values()))):
-        raise InswsnError("it has a header and no rows; leave out a stream that was not logged.")
-    if TIME in table:
-        check_clock(f"in {TIME}", table[TIME], repeats=name == "ranges.csv", first=_FIRST)
-    if name == ANCHORS:
-        check_twins(table["anchor"].tolist())
-    if _GEODETIC[0] in table:
-        _make_local(table, about)
-    return table
 
 
 def _make_local(table: Table, about: dict[str, Any]) -> None:
@@ -357,9 +355,8 @@ def write_csv(recording: Recording, folder: str | Path) -> None:
     Examples
     --------
     >>> from tempfile import TemporaryDirectory
-    >>> import numpy as np
     >>> from inswsn_lib import logs, streams
-    >>> walk = streams.Odometry(time=np.arange(3.0), speed=np.ones(3), rate=np.zeros(3))
+    >>> walk = streams.Odometry(time=[0.0, 1.0, 2.0], speed=[1.0, 1.0, 1.0], rate=[0.0, 0.0, 0.0])
     >>> with TemporaryDirectory() as folder:
     ...     logs.write_csv(streams.Recording("walk", odometry=walk), folder)
     ...     logs.load("csv", folder).span

@@ -31,48 +31,53 @@ class RecordingUnavailableError(InswsnError):
 
 
 @dataclass(frozen=True)
-class Source:
-    """Files in a folder of a GitHub repository (``owner/name``), with the SHA-256 of each."""
+class Known:
+    """A known recording: its licence, how many coordinates it has, and where its files are.
 
+    They are in a folder of a GitHub repository (``owner/name``), with the SHA-256 of each.
+    """
+
+    licence: str
+    dimension: int
     repository: str
     commit: str
     folder: str
     digests: Mapping[str, str]
 
 
-def locate(source: Source, cache: Path | None = None) -> dict[str, Path]:
-    """Return where the files of a source are, by name; fetch those that are not there.
+def locate(known: Known, cache: Path | None = None) -> dict[str, Path]:
+    """Return where the files are, by name; fetch those that are not there.
 
     If ``INSWSN_DATA`` is set, it names a local mirror, and nothing is fetched. Else the files come
     from GitHub once and stay in the cache (the user's by default), which has a mirror's layout.
     """
-    place = Path(source.repository.replace("/", "__"), source.commit, source.folder)
+    place = Path(known.repository.replace("/", "__"), known.commit, known.folder)
     if mirror := os.environ.get(DATA_VARIABLE):
-        found = {name: Path(mirror) / place / name for name in source.digests}
+        found = {name: Path(mirror) / place / name for name in known.digests}
         for name, path in found.items():
             if not path.is_file():
                 raise RecordingUnavailableError(
                     f"There is no file {path}; {DATA_VARIABLE} may name a mirror that has it."
                 )
-            if pooch.file_hash(str(path)) != (digest := source.digests[name]):
+            if pooch.file_hash(str(path)) != (digest := known.digests[name]):
                 raise InswsnError(
                     f"{path} is not the original: its SHA-256 does not begin {digest[:12]}."
                 )
         return found
     store = pooch.create(
         path=(cache or pooch.os_cache("inswsn")) / place,
-        base_url=f"https://raw.githubusercontent.com/{source.repository}/{source.commit}/{source.folder}/",
-        registry={name: f"sha256:{digest}" for name, digest in source.digests.items()},
+        base_url=f"https://raw.githubusercontent.com/{known.repository}/{known.commit}/{known.folder}/",
+        registry={name: f"sha256:{digest}" for name, digest in known.digests.items()},
     )
     logger, level = pooch.get_logger(), pooch.get_logger().level
     logger.setLevel("ERROR")  # else it tells on stderr what it fetches
     try:
         fetch = pooch.HTTPDownloader(timeout=_TIMEOUT)
-        return {name: Path(store.fetch(name, downloader=fetch)) for name in source.digests}
+        return {name: Path(store.fetch(name, downloader=fetch)) for name in known.digests}
     except (OSError, ValueError) as error:  # requests' errors are OSErrors; ValueError: the digest
         said = type(error).__name__ if isinstance(error, OSError) else "its SHA-256 is another"
         raise RecordingUnavailableError(
-            f"{', '.join(source.digests)} could not be fetched from {store.base_url} ({said}); "
+            f"{', '.join(known.digests)} could not be fetched from {store.base_url} ({said}); "
             f"{DATA_VARIABLE} may name a local mirror of it."
         ) from None
     finally:

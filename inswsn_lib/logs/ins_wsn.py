@@ -98,10 +98,9 @@ def read_recording(path: str | Path, *, resample: bool = False) -> TrackPair:
     path : str or Path
     resample : bool
         Whether time stamps may be uneven. The INS is then interpolated onto an even grid of the
-        median period, its positions by cubic polynomials that have its velocities (Hermite), and so
-        is the reference, along straight lines. A fix stays at its own stamp in this sense: what the
-        INS has more than the network there is what it has more at the nearest instant. That is off
-        by the drift of the INS over half a period, or less.
+        median period, its positions by cubic polynomials that have its velocities (Hermite), the
+        reference along straight lines. What the INS has more than the network at a fix is what it
+        has more at the nearest instant: off by its drift over half a period, or less.
 
     Raises
     ------
@@ -232,14 +231,8 @@ def _on_grid(path: Path, time: Array, sources: dict[str, Array]) -> TrackPair:
     grids = {who: np.full((place[-1] + 1, 4), np.nan) for who in sources}
     for who, values in sources.items():
         grids[who][place] = values
-    return TrackPair(
-        time=start + period * np.arange(place[-1] + 1),
-        period=period,
-        ins=grids["ins"],
-        wsn=grids["wsn"],
-        reference=grids.get("ref"),
-        jitter=float(np.std(offset)),
-    )
+    grid, reference = start + period * np.arange(place[-1] + 1), grids.get("ref")
+    return TrackPair(grid, period, grids["ins"], grids["wsn"], reference, float(np.std(offset)))
 
 
 def _resampled(time: Array, sources: dict[str, Array]) -> TrackPair:

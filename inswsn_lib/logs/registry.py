@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,34 +12,21 @@ from inswsn_lib.checks import one_of
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.files import read_yaml
 from inswsn_lib.logs.csv_folder import read_csv_folder
-from inswsn_lib.logs.files import Place, Source, locate
+from inswsn_lib.logs.files import Known, Place, locate
 from inswsn_lib.logs.radio_kinds import read_inrol, read_labyrinth, read_plaza
 from inswsn_lib.logs.rtklib import read_rtklib
 from inswsn_lib.streams import Recording
 
 #: What reads the files of a kind
 READERS: dict[str, Callable[[Place], Recording]] = {
-    "inrol": read_inrol,
-    "plaza": read_plaza,
-    "labyrinth": read_labyrinth,
-    "rtklib": read_rtklib,
+    "inrol": read_inrol, "plaza": read_plaza, "labyrinth": read_labyrinth, "rtklib": read_rtklib,
     "csv": read_csv_folder,
-}
-
-
-@dataclass(frozen=True)
-class Known:
-    """A known recording: where it is, its licence, and how many coordinates it has."""
-
-    source: Source
-    licence: str
-    dimension: int
+}  # fmt: skip
 
 
 #: By name; what stands before the slash is the kind
 KNOWN = {
-    name: Known(Source(**said["source"]), said["licence"], said["dimension"])
-    for name, said in read_yaml(Path(__file__).with_name("known.yaml")).items()
+    name: Known(**said) for name, said in read_yaml(Path(__file__).with_name("known.yaml")).items()
 }
 
 
@@ -92,9 +79,9 @@ def load(name: str, folder: str | Path | None = None, cache: Path | None = None)
         found = READERS[kind](folder)
         own = found.name if kind == "csv" else f"{kind}/{Path(folder).absolute().name}"
         return replace(found, name=own, source=found.source or str(folder))
-    known, place = KNOWN[name], KNOWN[name].source
-    found = READERS[kind](locate(place, cache))
-    address = f"https://github.com/{place.repository}/tree/{place.commit}/{place.folder}"
+    known = KNOWN[name]
+    found = READERS[kind](locate(known, cache))
+    address = f"https://github.com/{known.repository}/tree/{known.commit}/{known.folder}"
     return replace(found, name=name, licence=known.licence, source=address)
 
 

@@ -35,8 +35,7 @@ G0 = 9.80665
 def take(monkeypatch: pytest.MonkeyPatch, *paths: Path) -> None:
     """Take files for the originals."""
     digests = {path.name: file_digest(path) for path in paths}
-    source = replace(KNOWN[NAME].source, digests=digests)
-    monkeypatch.setitem(KNOWN, NAME, replace(KNOWN[NAME], source=source))
+    monkeypatch.setitem(KNOWN, NAME, replace(KNOWN[NAME], digests=digests))
 
 
 def test_the_axes_are_forward_right_down(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -45,7 +44,7 @@ def test_the_axes_are_forward_right_down(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setenv(DATA_VARIABLE, str(tmp_path))
     read = load_drive()
     assert (read.name, read.licence, read.digests) == (
-        NAME, KNOWN[NAME].licence, KNOWN[NAME].source.digests,
+        NAME, KNOWN[NAME].licence, KNOWN[NAME].digests,
     )  # fmt: skip
     assert read.source.endswith("8235ee6c5f349db529bf43ad556a3769b346b5a1/data/drive_0708")
     found, logged = values_of(read), values_of(read_rtklib(tmp_path / MIRROR))
@@ -133,7 +132,7 @@ def asked(monkeypatch: pytest.MonkeyPatch, known: Path) -> list[str]:
 
 
 def fetched(cache: Path | None = None) -> dict[str, Path]:
-    return locate(KNOWN[NAME].source, cache)
+    return locate(KNOWN[NAME], cache)
 
 
 def test_a_mirror_is_taken_instead_of_the_network_and_has_each_file_as_it_is(

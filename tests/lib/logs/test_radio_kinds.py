@@ -181,7 +181,7 @@ def ways(recording: Recording, turned: Array, heading: float = 0.0) -> NDArray[n
 def test_odometry_adds_up_to_the_dead_reckoning_and_its_rate_is_made_from_the_reference() -> None:
     """Over 1354 m, within 7 cm of the variable DRp; 0.985 times the turns less a constant."""
     plaza = logs.load("plaza/2")
-    (path,) = locate(KNOWN["plaza/2"].source).values()
+    (path,) = locate(KNOWN["plaza/2"]).values()
     told = read_matrices(path)["DRp"][1:, 1:3] @ [1, 1j]
     turned = plaza.odometry.rate * np.diff(plaza.reference.time)
     course = np.unwrap(np.angle(forward(plaza) @ [1, 1j]))

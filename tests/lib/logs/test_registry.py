@@ -50,8 +50,8 @@ def test_all_that_is_known_has_a_reader_a_source_and_a_licence() -> None:
     assert READERS.keys() == MADE.keys()
     for name, known in KNOWN.items():
         assert name.partition("/")[0] in READERS
-        assert len(known.source.commit) == 40
-        assert all(re.fullmatch(r"[0-9a-f]{64}", d) for d in known.source.digests.values())
+        assert len(known.commit) == 40
+        assert all(re.fullmatch(r"[0-9a-f]{64}", d) for d in known.digests.values())
         assert known.licence
 
 
@@ -70,7 +70,7 @@ ROWS: dict[str, tuple[dict[str, int], float]] = {
 @pytest.mark.parametrize("name", [pytest.param(name, marks=needs(name)) for name in KNOWN])
 def test_each_that_is_known_has_its_dimension_and_is_exported(tmp_path: Path, name: str) -> None:
     read = logs.load(name)
-    assert read.digests == KNOWN[name].source.digests
+    assert read.digests == KNOWN[name].digests
     rows, duration = ROWS[name]
     assert {what: len(stream) for what, stream in read.streams.items()} == rows
     assert read.duration == pytest.approx(duration, abs=0.01)
