@@ -34,7 +34,7 @@ def test_what_belongs_to_others_is_named(root: Path) -> None:
     said = yaml.safe_load((root / "CITATION.cff").read_text(encoding="utf-8"))
     for word in (
         *(paper["doi"] for paper in said["references"]),
-        *(digest for known in KNOWN.values() for digest in known.source.digests.values()),
+        *(digest for known in KNOWN.values() for digest in known.digests.values()),
         *(package for package in SITE_PACKAGES if package != "packaging"),
     ):
         assert word in text, word

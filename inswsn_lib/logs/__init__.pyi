@@ -1,7 +1,7 @@
 from .calibration import Calibration as Calibration, calibrate as calibrate
 from .columns import INS as INS, REFERENCE as REFERENCE, TIME as TIME, WSN as WSN
 from .correction import Rung as Rung
-from .csv_writing import write_csv as write_csv
+from .csv_folder import write_csv as write_csv
 from .entries import Answer as Answer, Event as Event, Task as Task, judge as judge
 from .estimates import Estimate as Estimate
 from .files import RecordingUnavailableError as RecordingUnavailableError

@@ -1,12 +1,10 @@
-"""Where the files of a recording are: in a local mirror, or fetched once from a public repository.
+"""Where the files of a recording are: in a folder, or fetched once from a public repository.
 
-They are not part of this project. Their digests are known and checked each time, so that who reads
-them need not examine them. Files of one's own are found in a folder, by what they are called.
+Of those that are fetched the digests are checked, so that who reads them need not examine them.
 """
 
 from __future__ import annotations
 
-import logging
 import os
 import warnings
 from collections.abc import Mapping
@@ -33,65 +31,57 @@ class RecordingUnavailableError(InswsnError):
 
 
 @dataclass(frozen=True)
-class Source:
-    """Files in a folder of a GitHub repository (``owner/name``), with the SHA-256 of each."""
+class Known:
+    """A known recording: its licence, how many coordinates it has, and where its files are.
 
+    They are in a folder of a GitHub repository (``owner/name``), with the SHA-256 of each.
+    """
+
+    licence: str
+    dimension: int
     repository: str
     commit: str
     folder: str
     digests: Mapping[str, str]
 
-    @property
-    def address(self) -> str:
-        """Where a browser shows the folder."""
-        return f"https://github.com/{self.repository}/tree/{self.commit}/{self.folder}"
 
-
-def locate(source: Source, cache: Path | None = None) -> dict[str, Path]:
-    """Return where the files of a source are, by name; fetch those that are not there.
+def locate(known: Known, cache: Path | None = None) -> dict[str, Path]:
+    """Return where the files are, by name; fetch those that are not there.
 
     If ``INSWSN_DATA`` is set, it names a local mirror, and nothing is fetched. Else the files come
     from GitHub once and stay in the cache (the user's by default), which has a mirror's layout.
     """
-    place = Path(source.repository.replace("/", "__"), source.commit, source.folder)
+    place = Path(known.repository.replace("/", "__"), known.commit, known.folder)
     if mirror := os.environ.get(DATA_VARIABLE):
-        found = {name: Path(mirror) / place / name for name in source.digests}
+        found = {name: Path(mirror) / place / name for name in known.digests}
         for name, path in found.items():
-            _check_original(path, source.digests[name])
+            if not path.is_file():
+                raise RecordingUnavailableError(
+                    f"There is no file {path}; {DATA_VARIABLE} may name a mirror that has it."
+                )
+            if pooch.file_hash(str(path)) != (digest := known.digests[name]):
+                raise InswsnError(
+                    f"{path} is not the original: its SHA-256 does not begin {digest[:12]}."
+                )
         return found
     store = pooch.create(
         path=(cache or pooch.os_cache("inswsn")) / place,
-        base_url=f"https://raw.githubusercontent.com/{source.repository}/{source.commit}/{source.folder}/",
-        registry={name: f"sha256:{digest}" for name, digest in source.digests.items()},
+        base_url=f"https://raw.githubusercontent.com/{known.repository}/{known.commit}/{known.folder}/",
+        registry={name: f"sha256:{digest}" for name, digest in known.digests.items()},
     )
-    logger = pooch.get_logger()
-    level = logger.level
-    logger.setLevel(logging.ERROR)  # else it tells on stderr what it fetches
+    logger, level = pooch.get_logger(), pooch.get_logger().level
+    logger.setLevel("ERROR")  # else it tells on stderr what it fetches
     try:
-        return {name: _fetch(store, name) for name in source.digests}
-    finally:
-        logger.setLevel(level)
-
-
-def _check_original(path: Path, digest: str) -> None:
-    """Refuse a file of a mirror that is not there or is another."""
-    if not path.is_file():
-        raise RecordingUnavailableError(
-            f"There is no file {path}; {DATA_VARIABLE} may name a mirror that has it."
-        )
-    if pooch.file_hash(str(path)) != digest:
-        raise InswsnError(f"{path} is not the original: its SHA-256 does not begin {digest[:12]}.")
-
-
-def _fetch(store: pooch.Pooch, name: str) -> Path:
-    try:
-        return Path(store.fetch(name, downloader=pooch.HTTPDownloader(timeout=_TIMEOUT)))
+        fetch = pooch.HTTPDownloader(timeout=_TIMEOUT)
+        return {name: Path(store.fetch(name, downloader=fetch)) for name in known.digests}
     except (OSError, ValueError) as error:  # requests' errors are OSErrors; ValueError: the digest
         said = type(error).__name__ if isinstance(error, OSError) else "its SHA-256 is another"
         raise RecordingUnavailableError(
-            f"{name} could not be fetched from {store.base_url} ({said}); {DATA_VARIABLE} may name "
-            "a local mirror of it."
+            f"{', '.join(known.digests)} could not be fetched from {store.base_url} ({said}); "
+            f"{DATA_VARIABLE} may name a local mirror of it."
         ) from None
+    finally:
+        logger.setLevel(level)
 
 
 def files_of(place: Place) -> dict[str, Path]:

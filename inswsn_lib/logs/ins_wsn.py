@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -11,26 +12,19 @@ from numpy.typing import NDArray
 
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.logs.columns import INS, REFERENCE, TIME, WSN, read_columns
-from inswsn_lib.logs.rows import reading
-from inswsn_lib.streams import check_increase
+from inswsn_lib.logs.blocks import block_starts
+from inswsn_lib.logs.columns import INS, REFERENCE, TIME, WSN, check_clock, columns_of, reading
 
 Rows = NDArray[np.intp]
-# A time stamp may be this share of a period away from the grid.
-_JITTER = 0.2
-# The grid may have this many times as many steps as there are rows, or this many.
-_SPARSEST, _ALWAYS = 10, 1000
-# An outage is longer than this many times the usual distance of fixes.
-_PATIENCE = 2.5
-# An INS that has just begun to drift is not this far from its first fix (m).
-_FARTHEST = 10_000.0
-# Series that are alike to this cosine may be compared in scale, and differ by a unit beyond this.
+_JITTER = 0.2  # a time stamp may be this share of a period away from the grid
+_PATIENCE = 2.5  # an outage is longer than this many times the usual distance of fixes
+_FARTHEST = 10.0  # km: an INS that has just begun to drift is not so far from its first fix
+# Series that are alike to this cosine may be compared in scale, and differ by a unit beyond this
 _LIKENESS, _FACTOR = 0.8, 1.6
-# Changes of speed tell a unit by this factor, and if there are this many.
+# Changes of speed tell a unit by this factor, and if there are this many
 _GROSS, _FEW = 2.5, 4
-# A ratio is that of two units if it is this near.
-_NEAR = 1.15
-# Displacements are compared over blocks of this length (s); slower than this (m/s) tells nothing.
+_NEAR = np.log(1.15)  # a ratio is that of two units if it is this near
+# Displacements are compared over blocks of this length (s); slower than this (m/s) tells nothing
 _BLOCK, _SLOWEST = 5.0, 0.05
 _UNITS = {
     "km/h": 3.6, "knots": 1.9438, "feet": 3.2808, "cm": 100.0, "mm, km or ms": 1000.0,
@@ -44,27 +38,18 @@ class TrackPair:
 
     Attributes
     ----------
-    time : ndarray, (steps,)
-        Seconds, evenly spaced.
-    period : float
-        The spacing, s.
-    ins : ndarray, (steps, 4)
-        x, y (m), v_x, v_y (m/s) of the INS; NaN in rows that the file lacks.
-    wsn : ndarray, (steps, 4)
-        The same of the network; NaN where there is no fix.
-    reference : ndarray, (steps, 4), or None
-        The same of a reference, if the file has one.
+    time, period : ndarray, (steps,), and float
+        Evenly spaced, and the spacing, s.
+    ins, wsn, reference : ndarray, (steps, 4); or None without a reference
+        x, y (m), v_x, v_y (m/s) of the INS, NaN in rows that the file lacks; of the network, NaN
+        where there is no fix; of a reference.
     jitter : float
         Standard deviation of the time stamps from the grid, s.
     resampled : bool
-        Whether the stamps were uneven: the INS and the reference are interpolated, and fixes were
-        carried to the nearest instant.
+        Whether the stamps were uneven, INS and reference are interpolated, and fixes carried.
 
     Examples
     --------
-    The network of the recording that comes with the book is silent for 12 s and for 8 s; two rows
-    are missing:
-
     >>> import inswsn_lib as iw
     >>> recording = iw.read_recording(iw.data_file("examples/ins-wsn.csv"))
     >>> round(recording.period, 2), recording.outages
@@ -91,34 +76,31 @@ class TrackPair:
         An outage is a run of steps without any measurement around which measurements are more than
         2.5 times their median distance apart: a network that is slower than the INS is not silent.
         """
-        missing = np.isnan(self.wsn).all(axis=1)
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(int)))
-        usual = float(np.median(np.diff(np.flatnonzero(~missing)))) if (~missing).sum() > 1 else 1.0
-        return [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a + 1 > _PATIENCE * usual]
+        fixed = np.flatnonzero(~np.isnan(self.wsn).all(axis=1)).tolist()
+        usual = float(np.median(np.diff(fixed))) if len(fixed) > 1 else 1.0
+        around = pairwise([-1, *fixed, len(self.wsn)])
+        return [(a + 1, b) for a, b in around if b - a > _PATIENCE * usual]
 
 
 def read_recording(path: str | Path, *, resample: bool = False) -> TrackPair:
     """Read a recording and put it on an even grid.
 
-    The file is a CSV with a header and the columns ``time_s``, ``ins_x_m``, ``ins_y_m``,
-    ``ins_vx_mps``, ``ins_vy_mps``, ``wsn_x_m``, ``wsn_y_m``; of the network there may be
-    ``wsn_vx_mps`` and ``wsn_vy_mps``, of a reference ``ref_x_m``, ``ref_y_m``, ``ref_vx_mps`` and
-    ``ref_vy_mps``. Other columns are ignored. Lines that begin with ``#`` are comments, and do not
-    count when a row is named; the header may stand behind ``#`` or ``%``. Commas, semicolons or
-    tabs separate columns; decimals have a point or, where it does not separate, a comma. ``time_s``
-    has seconds, or dates and times by ISO 8601, which become seconds since 1970 (UTC where no zone
-    is named); it may be ``time_ms``, ``time_us`` or ``time_ns``. The period comes from the time
-    stamps. Rows may be missing, and cells of the network may be empty: both are gaps.
+    The file is a CSV with a header and the columns `TIME`, `INS`, `WSN`; velocities of the network
+    may be left out, and a `REFERENCE` may be there. Other columns are ignored. Lines that begin
+    with ``#`` are comments, and do not count when a row is named; the header may stand behind ``#``
+    or ``%``. Commas, semicolons or tabs separate columns; decimals have a point or, where it does
+    not separate, a comma. ``time_s`` has seconds, or dates and times by ISO 8601, which become
+    seconds since 1970 (UTC where no zone is named); it may be ``time_ms``, ``time_us`` or
+    ``time_ns``. Rows may be missing, and cells of the network may be empty: both are gaps.
 
     Parameters
     ----------
     path : str or Path
     resample : bool
         Whether time stamps may be uneven. The INS is then interpolated onto an even grid of the
-        median period, its positions by cubic polynomials that have its velocities (Hermite), and so
-        is the reference, along straight lines. A fix stays at its own stamp in this sense: what the
-        INS has more than the network there is what it has more at the nearest instant. That is off
-        by the drift of the INS over half a period, or less.
+        median period, its positions by cubic polynomials that have its velocities (Hermite), the
+        reference along straight lines. What the INS has more than the network at a fix is what it
+        has more at the nearest instant: off by its drift over half a period, or less.
 
     Raises
     ------
@@ -129,40 +111,27 @@ def read_recording(path: str | Path, *, resample: bool = False) -> TrackPair:
 
     Examples
     --------
-    Four components of 301 steps, of one run, for the filters:
-
     >>> import inswsn_lib as iw
     >>> iw.read_recording(iw.data_file("examples/ins-wsn.csv")).measurements.shape
     (301, 4, 1)
     """
     path = Path(path)
-    return track_pair(path, read_columns(path), resample=resample)
+    return track_pair(path, columns_of(path), resample=resample)
 
 
 def track_pair(path: Path, table: dict[str, Array], *, resample: bool = False) -> TrackPair:
     """Return what `read_recording` does, of the columns of a file; needs numpy alone."""
     time = table[TIME]
-    _check_time(path, time)
-    columns = {"ins": INS, "wsn": WSN} | ({"ref": REFERENCE} if REFERENCE[0] in table else {})
-    sources = {who: np.column_stack([table[n] for n in names]) for who, names in columns.items()}
-    _check_positions(path, sources["ins"], sources["wsn"])
-    for one, other, known in _comparable(time, sources):
-        _refuse_other_units(path, one, other, known)
-    return _resampled(time, sources) if resample else _on_grid(path, time, sources)
-
-
-def _check_time(path: Path, time: Array) -> None:
     if time.size < 3:
         raise InswsnError(f"{path} has {time.size} rows; it must have at least 3.")
     with reading(path):
-        check_increase(TIME, time, first=2)
-    steps = np.diff(time)
-    if time[-1] - time[0] > np.median(steps) * max(_ALWAYS, _SPARSEST * time.size):
-        row = int(np.argmax(steps)) + 1
-        raise InswsnError(
-            f"{path}: {TIME} jumps by {steps[row - 1]:.6g} s in row {row + 2}, where "
-            f"{np.median(steps):.4g} s are usual; a clock may not have been set in between."
-        )
+        check_clock(TIME, time, first=2)
+    columns = {"ins": INS, "wsn": WSN} | ({"ref": REFERENCE} if REFERENCE[0] in table else {})
+    sources = {who: np.column_stack([table[n] for n in names]) for who, names in columns.items()}
+    _check_positions(path, sources["ins"], sources["wsn"])
+    for series in _comparable(time, sources):
+        _refuse_other_units(path, *series)
+    return _resampled(time, sources) if resample else _on_grid(path, time, sources)
 
 
 def _check_positions(path: Path, ins: Array, wsn: Array) -> None:
@@ -170,58 +139,12 @@ def _check_positions(path: Path, ins: Array, wsn: Array) -> None:
     for column, name in enumerate(WSN[:2]):
         if np.isnan(wsn[:, column]).all():
             raise InswsnError(f"{path} has no number at all in column {name}.")
-    fixed = _complete(wsn[:, :2])[:1]
-    apart = float(np.hypot(*(wsn[fixed, :2] - ins[fixed, :2]).T).max(initial=0.0))
+    apart = np.linalg.norm((wsn - ins)[_complete(wsn[:, :2])[:1], :2]) / 1000
     if apart >= _FARTHEST:
         raise InswsnError(
-            f"{path}: the first position of the network is {apart / 1000:.4g} km from that of the "
-            "INS; both must be in one frame, that of the network."
+            f"{path}: the first position of the network is {apart:.4g} km from that of the INS; "
+            "both must be in one frame, that of the network."
         )
-
-
-#: What a series of speeds (blocks, 2) is, in words, and the series
-_Named = tuple[str, Array]
-
-
-def _comparable(time: Array, sources: dict[str, Array]) -> Iterator[tuple[_Named, _Named, bool]]:
-    """Yield series that agree but for a wrong unit, and whether a known unit alone is meant.
-
-    Each source has its displacements and its velocities. Network and reference, and network and
-    INS, are compared by their displacements where the network has fixes. Of the INS it is the
-    changes from one block to the next: a drift that is steady, or grows slowly, is not in them.
-    """
-    along = {who: f"along {who}_x_m and {who}_y_m" for who in sources}
-    for who, values in sources.items():
-        blocks = _blocks(time, values)
-        moved, told = (_speeds(time, x, blocks) for x in (values[:, :2], _way(time, values)))
-        velocities = f"that in {who}_vx_mps and {who}_vy_mps"
-        yield (f"the speed {along[who]}", moved), (velocities, told), False
-    blocks = _blocks(time, sources["wsn"][:, :2])
-    speeds = {who: _speeds(time, values[:, :2], blocks) for who, values in sources.items()}
-    network, inertial = np.diff(speeds["wsn"], axis=0), np.diff(speeds["ins"], axis=0)
-    change = f"the change of speed {along['wsn']}"
-    yield (change, network), (f"that {along['ins']}", inertial), True
-    if "ref" in speeds:
-        true = f"that {along['ref']}", speeds["ref"]
-        yield (f"the speed {along['wsn']}", speeds["wsn"]), true, False
-
-
-def _blocks(time: Array, needed: Array) -> Rows:
-    """Return first and last row (blocks, 2) of blocks of some seconds with all that is needed.
-
-    Blocks that follow one another share a row. None crosses a gap.
-    """
-    rows = _complete(needed)
-    if rows.size < 2:
-        return np.empty((0, 2), dtype=np.intp)
-    since = time[rows] - time[rows[0]]
-    length, steps = min(_BLOCK, since[-1]), np.diff(since)
-    stretch = np.append(0, np.cumsum(steps > _PATIENCE * np.median(steps)))
-    edges = np.flatnonzero(np.diff(np.floor(since / length + 1e-9), prepend=-1.0))
-    blocks = np.column_stack([edges[:-1], edges[1:]])
-    lasts = np.diff(since[blocks], axis=1)[:, 0]  # one that begins after a gap may be short
-    whole = (np.diff(stretch[blocks], axis=1)[:, 0] == 0) & (lasts > length / 2)
-    return np.asarray(rows[blocks[whole]])
 
 
 def _complete(values: Array) -> Rows:
@@ -229,54 +152,74 @@ def _complete(values: Array) -> Rows:
     return np.flatnonzero(~np.isnan(values @ np.ones(values.shape[1])))
 
 
-def _way(time: Array, values: Array) -> Array:
-    """Return the integral of the velocities over the rows that are whole, (rows, 2)."""
-    rows = _complete(values)
-    way = np.zeros((len(time), 2))
-    if rows.size:
-        speeds = values[rows, 2:]
-        means = (speeds[1:] + speeds[:-1]) / 2
-        way[rows[1:]] = np.cumsum(np.diff(time[rows])[:, None] * means, axis=0)
-    return way
+def _speeds(time: Array, place: Array) -> Array:
+    """Return mean velocities over blocks of some seconds without a gap, (blocks, 2)."""
+    if len(time) < 3:
+        return np.empty((0, 2))
+    starts = block_starts(time, _BLOCK)
+    steps = np.diff(time[starts])
+    whole = steps <= _PATIENCE * np.median(steps)
+    return np.asarray(np.diff(place[starts], axis=0)[whole] / steps[whole, None])
 
 
-def _speeds(time: Array, way: Array, blocks: Rows) -> Array:
-    """Return displacement over time of each block, (blocks, 2)."""
-    return np.asarray(np.diff(way[blocks], axis=1)[:, 0] / np.diff(time[blocks]))
+def _comparable(
+    time: Array, sources: dict[str, Array]
+) -> Iterator[tuple[str, Array, str, Array, bool]]:
+    """Yield two series that agree but for a wrong unit, and whether a known one alone is meant.
+
+    Each source has its displacements and its velocities. Network and reference, and network and
+    INS, are compared by their displacements where the network has fixes. Of the INS it is the
+    changes from one block to the next: a drift that is steady, or grows slowly, is not in them.
+    """
+    along = {who: f"along {who}_x_m and {who}_y_m" for who in sources}
+    for who, values in sources.items():
+        t, there = time[rows := _complete(values)], values[rows]
+        way = np.cumsum(there[:, 2:] * np.diff(t, prepend=t[:1])[:, None], axis=0)
+        moved, told = _speeds(t, there[:, :2]), _speeds(t, way)
+        yield (
+            f"the speed {along[who]}",
+            moved,
+            f"that in {who}_vx_mps and {who}_vy_mps",
+            told,
+            False,
+        )
+    rows = _complete(sources["wsn"][:, :2])
+    fixed = {who: _speeds(time[rows], values[rows, :2]) for who, values in sources.items()}
+    network, inertial = np.diff(fixed["wsn"], axis=0), np.diff(fixed["ins"], axis=0)
+    yield f"the change of speed {along['wsn']}", network, f"that {along['ins']}", inertial, True
+    if "ref" in fixed:
+        yield f"the speed {along['wsn']}", fixed["wsn"], f"that {along['ref']}", fixed["ref"], False
 
 
-def _refuse_other_units(path: Path, one: _Named, other: _Named, known: bool) -> None:
+def _refuse_other_units(
+    path: Path, what: str, one: Array, than: str, other: Array, known: bool
+) -> None:
     """Refuse two series of one shape and two scales; if `known`, of two known units alone."""
-    count = len(one[1])
-    sizes = float(np.linalg.norm(one[1])), float(np.linalg.norm(other[1]))
-    if count == 0 or min(sizes) == 0 or max(sizes) / np.sqrt(count) < _SLOWEST:
+    sizes = float(np.linalg.norm(one)), float(np.linalg.norm(other))
+    # few and noisy changes may differ by much: only a gross factor between many tells a unit
+    factor, fewest = (_GROSS, _FEW) if known else (_FACTOR, 1)
+    if len(one) < fewest or min(sizes) == 0 or max(sizes) / np.sqrt(len(one)) < _SLOWEST:
         return
     # noise lowers the likeness before it changes the scale by as much as a unit does
-    likeness = float(np.sum(one[1] * other[1])) / (sizes[0] * sizes[1])
+    alike = float(np.sum(one * other)) > _LIKENESS * sizes[0] * sizes[1]
     ratio = sizes[0] / sizes[1]
-    # few and noisy changes may differ by much: only a gross factor between many tells a unit
-    factor = _GROSS if known else _FACTOR
-    if likeness < _LIKENESS or 1 / factor <= ratio <= factor or (known and count < _FEW):
-        return
-    near = [
-        name
-        for name, size in _UNITS.items()
-        if min(abs(np.log(ratio / size)), abs(np.log(ratio * size))) < np.log(_NEAR)
-    ]
-    if known and not near:
+    near = [u for u, size in _UNITS.items() if abs(abs(np.log(ratio)) - np.log(size)) < _NEAR]
+    if not alike or 1 / factor <= ratio <= factor or (known and not near):
         return
     looks = f", as with {' or '.join(near)}" if near else ""
     raise InswsnError(
-        f"{path}: {one[0]} is {ratio:.3g} times {other[0]}{looks}; lengths are in m, speeds "
-        f"in m/s, {TIME} in s."
+        f"{path}: {what} is {ratio:.3g} times {than}{looks}; lengths are in m, speeds in m/s, "
+        f"{TIME} in s."
     )
 
 
 def _on_grid(path: Path, time: Array, sources: dict[str, Array]) -> TrackPair:
-    place = _places(time)
-    middle, centred = place.mean(), (time - time[0]).mean()
-    period = float(np.dot(place - middle, time - time[0]) / np.sum((place - middle) ** 2))
-    start = float(time[0] + centred - period * middle)
+    steps = np.diff(time)
+    # the mean of the steps of rows that follow one another tells how many steps a gap has
+    usual = steps[steps <= 1.5 * np.median(steps)].mean()
+    place = np.concatenate([[0], np.cumsum(np.round(steps / usual).astype(int))])
+    period, late = np.polyfit(place, time - time[0], 1).tolist()
+    start = float(time[0]) + late
     offset = time - start - place * period
     if (np.diff(place) <= 0).any() or np.abs(offset).max() > _JITTER * period:
         row = int(np.argmax(np.abs(offset)))
@@ -285,19 +228,11 @@ def _on_grid(path: Path, time: Array, sources: dict[str, Array]) -> TrackPair:
             f"off an even grid of {period:.4g} s; a fifth of a period is allowed. Read it with "
             "resample=True, or resample it."
         )
-    grids = sources
-    if place[-1] >= len(time):  # rows are missing
-        grids = {who: np.full((place[-1] + 1, 4), np.nan) for who in sources}
-        for who, values in sources.items():
-            grids[who][place] = values
-    return TrackPair(
-        time=start + period * np.arange(place[-1] + 1),
-        period=period,
-        ins=grids["ins"],
-        wsn=grids["wsn"],
-        reference=grids.get("ref"),
-        jitter=float(np.std(offset)),
-    )
+    grids = {who: np.full((place[-1] + 1, 4), np.nan) for who in sources}
+    for who, values in sources.items():
+        grids[who][place] = values
+    grid, reference = start + period * np.arange(place[-1] + 1), grids.get("ref")
+    return TrackPair(grid, period, grids["ins"], grids["wsn"], reference, float(np.std(offset)))
 
 
 def _resampled(time: Array, sources: dict[str, Array]) -> TrackPair:
@@ -308,53 +243,22 @@ def _resampled(time: Array, sources: dict[str, Array]) -> TrackPair:
     inside = np.minimum(grid, time[-1])
     ins = sources["ins"]
     before = np.clip(np.searchsorted(time, inside, side="right") - 1, 0, len(steps) - 1)
-    way = _cubics(time, ins, inside, before)
+    # positions by the cubic polynomials that have the velocities (Hermite)
+    step, since = steps[before, None], (inside - time[before])[:, None]
+    (begin, v), (end, w) = ((part[:, :2], part[:, 2:]) for part in (ins[before], ins[before + 1]))
+    s, slope = since / step, (end - begin) / step
+    way = begin + since * (v + s * (3 * slope - 2 * v - w + s * (v + w - 2 * slope)))
     ins_on_grid = np.hstack([way, _lines(time, ins[:, 2:], inside)])
     ins_on_grid[steps[before] > _PATIENCE * period] = np.nan  # rows are missing
     place = np.clip(np.round((time - time[0]) / period).astype(int), 0, len(grid) - 1)
     offset = time - grid[place]
     wsn = np.full((len(grid), 4), np.nan)
     fixed = np.flatnonzero(~np.isnan(sources["wsn"]).all(axis=1))
-    for k in fixed[np.argsort(-np.abs(offset[fixed]), kind="stable")]:  # the nearest comes last
-        wsn[place[k]] = sources["wsn"][k] + ins_on_grid[place[k]] - ins[k]
+    fixed = fixed[np.argsort(-np.abs(offset[fixed]), kind="stable")]  # the nearest comes last
+    wsn[place[fixed]] = sources["wsn"][fixed] + ins_on_grid[place[fixed]] - ins[fixed]
     reference = _lines(time, sources["ref"], inside) if "ref" in sources else None
     return TrackPair(grid, period, ins_on_grid, wsn, reference, float(np.std(offset)), True)
 
 
-def _cubics(time: Array, values: Array, at: Array, before: Rows) -> Array:
-    """Return positions (instants, 2) by the cubic polynomials that have the velocities (Hermite).
-
-    Each instant has the row before it.
-    """
-    step = np.diff(time)[before, None]
-    since = (at - time[before])[:, None]
-    s = since / step
-    (begin, end), (v, w) = (
-        (part[before], part[before + 1]) for part in (values[:, :2], values[:, 2:])
-    )
-    slope = (end - begin) / step
-    bent = (3 * slope - 2 * v - w) + s * (v + w - 2 * slope)
-    return np.asarray(begin + since * (v + s * bent))
-
-
 def _lines(time: Array, values: Array, at: Array) -> Array:
     return np.column_stack([np.interp(at, time, x) for x in values.T])
-
-
-def _places(time: Array) -> Rows:
-    """Return the step of the grid that each time stamp belongs to.
-
-    The median of the steps carries the rounding of the time stamps. So the period is fitted to the
-    stretches without gaps first, and then tells how many steps each gap has.
-    """
-    steps = np.diff(time)
-    usual = float(np.median(steps))
-    stretch = np.concatenate([[0], np.cumsum(steps > 1.5 * usual)])
-    index = np.arange(time.size, dtype=float)
-    count = np.bincount(stretch)
-    moved, counted = (
-        x - (np.bincount(stretch, weights=x) / count)[stretch] for x in (time - time[0], index)
-    )
-    spread = float(np.sum(counted**2))
-    period = float(np.sum(moved * counted)) / spread if spread > 0 else usual
-    return np.concatenate([[0], np.cumsum(np.round(steps / period).astype(int))])

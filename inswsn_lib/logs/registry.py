@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,36 +12,21 @@ from inswsn_lib.checks import one_of
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.files import read_yaml
 from inswsn_lib.logs.csv_folder import read_csv_folder
-from inswsn_lib.logs.files import Place, Source, locate
-from inswsn_lib.logs.inrol import read_inrol
-from inswsn_lib.logs.labyrinth import read_labyrinth
-from inswsn_lib.logs.plaza import read_plaza
+from inswsn_lib.logs.files import Known, Place, locate
+from inswsn_lib.logs.radio_kinds import read_inrol, read_labyrinth, read_plaza
 from inswsn_lib.logs.rtklib import read_rtklib
 from inswsn_lib.streams import Recording
 
 #: What reads the files of a kind
 READERS: dict[str, Callable[[Place], Recording]] = {
-    "inrol": read_inrol,
-    "plaza": read_plaza,
-    "labyrinth": read_labyrinth,
-    "rtklib": read_rtklib,
+    "inrol": read_inrol, "plaza": read_plaza, "labyrinth": read_labyrinth, "rtklib": read_rtklib,
     "csv": read_csv_folder,
-}
-
-
-@dataclass(frozen=True)
-class Known:
-    """A known recording: where it is, its licence, and how many coordinates it has."""
-
-    source: Source
-    licence: str
-    dimension: int
+}  # fmt: skip
 
 
 #: By name; what stands before the slash is the kind
 KNOWN = {
-    name: Known(Source(**said["source"]), said["licence"], said["dimension"])
-    for name, said in read_yaml(Path(__file__).with_name("known.yaml")).items()
+    name: Known(**said) for name, said in read_yaml(Path(__file__).with_name("known.yaml")).items()
 }
 
 
@@ -60,25 +45,21 @@ def names() -> tuple[str, ...]:
 def load(name: str, folder: str | Path | None = None, cache: Path | None = None) -> Recording:
     r"""Return a known recording, or one of the same kind from a folder.
 
-    The files of one that is known are fetched once, or come from a local mirror, and are held
-    against their digests. A folder is read as it is; digests of what was read are kept. The latency
-    of a log is an argument of `rtklib.read_rtklib` alone.
-
     Parameters
     ----------
     name : str
         One of `names`; with a folder, also a kind alone: ``"inrol"``, ``"plaza"``,
         ``"labyrinth"``, ``"rtklib"``, or ``"csv"``, which is for files of your own.
     folder : str or Path, optional
-        With other files of the kind.
+        With other files of the kind. The latency of a log is an argument of `rtklib.read_rtklib`.
     cache : Path, optional
-        Folder for what is fetched; the user's cache by default.
+        Folder for what is fetched once; the user's cache by default.
 
     Raises
     ------
     InswsnError
         If the name is not known, a file cannot be fetched (`RecordingUnavailableError`), is not
-        there, is another than it should be, or is spoilt.
+        there, is another than it should be by its digest, or is spoilt.
 
     Examples
     --------
@@ -99,26 +80,16 @@ def load(name: str, folder: str | Path | None = None, cache: Path | None = None)
         own = found.name if kind == "csv" else f"{kind}/{Path(folder).absolute().name}"
         return replace(found, name=own, source=found.source or str(folder))
     known = KNOWN[name]
-    found = READERS[kind](locate(known.source, cache))
-    return replace(found, name=name, licence=known.licence, source=known.source.address)
+    found = READERS[kind](locate(known, cache))
+    address = f"https://github.com/{known.repository}/tree/{known.commit}/{known.folder}"
+    return replace(found, name=name, licence=known.licence, source=address)
 
 
 def load_drive(cache: Path | None = None) -> Recording:
     """Return ``"rtklib/drive-0708"`` with the axes of the IMU forward, right, down.
 
     A car with an IMU of a phone's class at 100 Hz, which lies with x back, y right, z up, and RTK
-    positions and velocities at 4 Hz. Its files are fetched once, or come from a local mirror.
-
-    Parameters
-    ----------
-    cache : Path, optional
-        Folder for what is fetched; the user's cache by default.
-
-    Raises
-    ------
-    InswsnError
-        If the files cannot be fetched (`RecordingUnavailableError`), or the mirror that
-        ``INSWSN_DATA`` names lacks one or has another in its place.
+    positions and velocities at 4 Hz. The cache and errors are those of `load`.
 
     Examples
     --------

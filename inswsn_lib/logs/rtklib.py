@@ -14,10 +14,10 @@ import numpy as np
 
 from inswsn_lib.checks import Array, number
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.files import read_bytes
+from inswsn_lib.files import read_bytes, read_text
 from inswsn_lib.inertial import Earth
+from inswsn_lib.logs.columns import Row, check_clock, lines_of, numbers, reading
 from inswsn_lib.logs.files import Place, digests_of, files_of, pick
-from inswsn_lib.logs.rows import Row, all_lines, check_clock, lines_of, numbers, reading
 from inswsn_lib.streams import Fixes, Imu, Recording
 
 #: From a sample to its arrival in the log (s). The files do not tell it: with this one the IMU's
@@ -42,7 +42,6 @@ _POSITION = ["Q", "ns", "sdn", "sde", "sdu", "sdne", "sdeu", "sdun", "age", "rat
 _VELOCITY = ["vn", "ve", "vu", "sdvn", "sdve", "sdvu", "sdvne", "sdveu", "sdvun"]
 _MOST_Q = 7
 _METRES = re.compile(r"[-+]?\d+\.\d{4}")  # so RTKLIB writes them; degrees have nine decimals
-_FASTEST = 0.1  # degrees a second, 11 km/s
 
 
 def read_rtklib(place: Place, latency: float = LATENCY) -> Recording:
@@ -61,28 +60,12 @@ def read_rtklib(place: Place, latency: float = LATENCY) -> Recording:
         A folder, or files by their names.
     latency : float
         From a sample to its arrival in the log, s. It was found for the drive. Of the walk it is
-        not known: its rates follow the course best with 0.22 s, and hardly less with 0.1 s more or
-        less.
-
-    Raises
-    ------
-    InswsnError
-        If a file is not there or is spoilt.
-
-    Examples
-    --------
-    >>> from inswsn_lib.logs.rtklib import read_rtklib
-    >>> read_rtklib({})
-    Traceback (most recent call last):
-        ...
-    inswsn_lib.errors.InswsnError: There is no file *.csv.tag.
+        not known: rates follow the course best with 0.22 s, and hardly less 0.1 s from that.
     """
     files = files_of(place)
     tag, solution = pick(files, "*.csv.tag"), pick(files, "*.pos")
     log = pick(files, tag.name.removesuffix(".tag"))
-    time, rate, force = read_log(log, tag, number("latency", latency))
-    with reading(log):
-        imu = Imu(time, rate, force)
+    imu = _read_log(log, tag, number("latency", latency))
     moments, found = read_solution(solution)
 
     def columns(*names: str) -> Array | None:
@@ -92,68 +75,48 @@ def read_rtklib(place: Place, latency: float = LATENCY) -> Recording:
     good, origin = found["Q"] == 1, None
     position = columns("e-baseline", "n-baseline", "u-baseline")
     if position is None:
-        degrees = np.column_stack([found["latitude"], found["longitude"]])
-        places = np.column_stack([np.deg2rad(degrees), found["height"]])
+        angles = np.deg2rad([found["latitude"], found["longitude"]])
+        places = np.column_stack([*angles, found["height"]])
         origin = places[int(np.argmax(good))]
         position = Earth(*origin).local(places)
     with reading(solution):
         check_clock("Fixes", moments)
-        fixes = Fixes(
-            time=moments,
-            position=position,
-            velocity=columns("ve", "vn", "vu"),
-            deviation=columns("sde", "sdn", "sdu"),
-            good=good,
-        )
-    return Recording(
-        "rtklib",
-        imu=imu,
-        fixes=fixes,
-        origin=origin,
-        digests=digests_of(log, tag, solution),
-    )
+        velocity, deviation = columns("ve", "vn", "vu"), columns("sde", "sdn", "sdu")
+        fixes = Fixes(moments, position, velocity, deviation, good)
+    digests = digests_of(log, tag, solution)
+    return Recording("rtklib", imu=imu, fixes=fixes, origin=origin, digests=digests)
 
 
-def read_log(path: Path, tag: Path, latency: float) -> tuple[Array, Array, Array]:
-    """Return GPS time (s), rate (rad/s) and specific force (m/s^2) along the IMU's axes.
+def _read_log(path: Path, tag: Path, latency: float) -> Imu:
+    """Return what the IMU measured, by GPS time.
 
     A row of the log has specific force (g), rate (deg/s), and the device's time (ms). The first row
     and the last are parts of rows, and dropped. RTKLIB's time tag tells when each piece of the log
     arrived; a line through the arrivals makes GPS time of the device's time, less the latency.
-
-    Parameters
-    ----------
-    path, tag : Path
-        The log and its time tag.
-    latency : float
-        s.
     """
-    lines = all_lines(path)
-    values = numbers(path, [(n, line.split(",")) for n, line in lines[1:-1]], 7)
+    lines = read_text(path).splitlines()
+    rows = [(n, line.split(",")) for n, line in enumerate(lines, start=1)]
+    values = numbers(path, rows[1:-1], 7)
     with reading(tag):
         data = read_bytes(tag)
         if not data.startswith(_WORD) or len(data) < _RECORDS:
             raise InswsnError("it is not an RTKLIB time tag.")
-        if (len(data) - _RECORDS) % 8:
-            raise InswsnError("it ends within a record.")
         start = float(np.frombuffer(data, "<u4", 1, _SECONDS)[0])
         start += float(np.frombuffer(data, "<f8", 1, _FRACTION)[0])
         # records: ms since the start, and how many bytes the log had
-        records = np.frombuffer(data, "<u4", offset=_RECORDS).reshape(-1, 2).astype(np.int64)
-        ticks, lengths = records.T
-        ends = np.cumsum([len(line) + _ENDING for _, line in lines])[1:-1]
+        ticks, lengths = np.frombuffer(data, "<u4", offset=_RECORDS).reshape(-1, 2).T.astype(int)
+        ends = np.cumsum([len(line) + _ENDING for line in lines])[1:-1]
         if ends[-1] > lengths.max(initial=0):
             raise InswsnError(f"it ends before {path.name} does.")
         arrival = ticks[np.searchsorted(lengths, ends)] / 1e3
-    device = values[:, 6] / 1e3
     with reading(path):
+        device = values[:, 6] / 1e3
         check_clock("the device's time", device, first=2)
         if len(device) < 2:
             raise InswsnError("one row is too few for a line through arrivals.")
-    middle = device.mean()
-    slope, offset = np.polyfit(device - middle, arrival, 1)
-    time = start + (offset + slope * (device - middle)) - latency
-    return time, np.deg2rad(values[:, 3:6]), values[:, :3] * _STANDARD_GRAVITY
+        slope, offset = np.polyfit(device - device.mean(), arrival, 1)
+        time = start + (offset + slope * (device - device.mean())) - latency
+        return Imu(time, np.deg2rad(values[:, 3:6]), values[:, :3] * _STANDARD_GRAVITY)
 
 
 def read_solution(path: Path) -> tuple[Array, dict[str, Array]]:
@@ -171,18 +134,20 @@ def read_solution(path: Path) -> tuple[Array, dict[str, Array]]:
         width = len(rows[0][1]) - 2 - len(_PLACES[0]) if rows else 0
         velocity = _VELOCITY[: max(width - len(_POSITION), 0)]
         names = [*_PLACES[0], *_POSITION, *(velocity if len(velocity) in (3, 9) else ())]
-    cells = [(n, ["0", "0", *cells[2:]]) for n, cells in rows]
-    values = numbers(path, cells, 2 + len(names))[:, 2:]
-    moments = np.array([_moment(path, row) for row in rows])
-    found = {name.partition("(")[0]: x for name, x in zip(names, values.T, strict=True)}
-    if names[0] == _PLACES[0][0] and (np.abs(values[:, :2]) > (90, 360)).any():
-        raise InswsnError(f"{path} has no latitude and longitude in degrees.")
-    if headless:
-        _refuse_metres(path, rows, moments, values)
-    return moments, found
+    values = numbers(path, [(n, ["0", "0", *cells[2:]]) for n, cells in rows], 2 + len(names))
+    found = {name.partition("(")[0]: x for name, x in zip(names, values.T[2:], strict=True)}
+    # baselines, and coordinates along axes of the Earth, are in metres
+    in_metres = all(_METRES.fullmatch(cell) for _, cells in rows for cell in cells[2:5])
+    if headless and (in_metres or not np.isin(found["Q"], range(_MOST_Q + 1)).all()):
+        raise InswsnError(
+            f"{path} has no head, and its columns may not be latitude and longitude in degrees, "
+            f"height and Q: line {rows[0][0]} begins {' '.join(rows[0][1][:6])}. Keep the line "
+            "that begins %  GPST."
+        )
+    return np.array([_moment(path, row) for row in rows]), found
 
 
-def _head(path: Path, lines: list[list[str]]) -> list[str]:
+def _head(path: Path, lines: Sequence[list[str]]) -> list[str]:
     """Return what the columns after date and time are called; nothing without a head."""
     heads = {tuple(cells) for cells in lines if cells and cells[0] in ("GPST", "UTC", "JST")}
     if not heads:
@@ -190,27 +155,12 @@ def _head(path: Path, lines: list[list[str]]) -> list[str]:
     clock, *names = min(heads)
     if clock != "GPST":
         raise InswsnError(f"{path} has {clock} in its head; it must be GPST.")
-    if len(heads) > 1:
-        raise InswsnError(f"{path} has heads that differ; it must be one solution.")
     if tuple(names[:3]) not in _PLACES or "Q" not in names:
         raise InswsnError(
             f"{path} has {', '.join(names[:4])} in its head; it must have "
             f"{' or '.join(', '.join(each) for each in _PLACES)}, and then Q."
         )
     return names
-
-
-def _refuse_metres(path: Path, rows: Sequence[Row], moments: Array, values: Array) -> None:
-    """Refuse rows without a head that may be baselines or coordinates along axes of the Earth."""
-    metres = all(_METRES.fullmatch(cell) for _, cells in rows for cell in cells[2:5])
-    gone = np.abs(np.diff(values[:, :2], axis=0)).max(axis=1)
-    fast = len(rows) > 1 and np.median(gone) > _FASTEST * np.median(np.diff(moments))
-    if metres or fast or not np.isin(values[:, 3], range(_MOST_Q + 1)).all():
-        raise InswsnError(
-            f"{path} has no head, and its columns may not be latitude and longitude in degrees, "
-            f"height and Q: line {rows[0][0]} begins {' '.join(rows[0][1][:6])}. Keep the line "
-            "that begins %  GPST."
-        )
 
 
 def _moment(path: Path, row: Row) -> float:

@@ -13,10 +13,8 @@ import numpy as np
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_pieces, read_yaml
-from inswsn_lib.logs.about import ABOUT, quoted
-from inswsn_lib.logs.cells import UNITS, Column, Sheet, parse
-from inswsn_lib.logs.columns import TIME, opened, units_of
-from inswsn_lib.logs.csv_folder import ANCHORS, LAYOUTS
+from inswsn_lib.logs.columns import ANCHOR, TIME, UNITS, Column, opened, parse, units_of
+from inswsn_lib.logs.csv_folder import ABOUT, ANCHORS, LAYOUTS, MOST_RATE, quoted, time_unit
 from inswsn_lib.logs.files import files_of
 
 _KINDS = (".csv", ".txt", ".log", ".tsv", ".dat")
@@ -29,9 +27,8 @@ _NAMED: dict[str, str] = _WORDS["names"] | {
 }
 _FORCES = "|".join(f"({_NAMED[f'force_{axis}_mps2']})" for axis in "xyz")
 _REFERENCE = re.compile(r"ref|truth|mocap|vicon|optitrack|gt", re.I)
-_LONGEST = {"imu.csv": 0.5, "odometry.csv": 2.0}  # s, of likely periods; of other streams:
-_LONG, _ALIKE = 20.0, 1.5  # s, and by how much streams last longer than others, or less
-_FASTEST = 35.0  # rad/s
+_LONG = 20.0  # s, the longest likely period of a stream
+_GRAVITY = 8.5, 11.0  # m/s^2, median sizes of a specific force that tell its unit
 
 
 class _Log(NamedTuple):
@@ -56,7 +53,7 @@ def suggest(folder: str | Path) -> str:
     Returns
     -------
     str
-        Lines: of each file which stream it seems to be, its columns and units; and what is missing.
+        Of each file which stream it seems to be, its columns and units; and what is missing.
 
     Raises
     ------
@@ -92,20 +89,24 @@ def suggest(folder: str | Path) -> str:
         if not streams:
             said.append(f"{name} is left out: its columns {', '.join(log.header)[:200]} are "
                         "those of no stream, or of one that another file has.")  # fmt: skip
-    spans, lines = [], []
-    if "imu.csv" in sources:
-        log, columns = sources["imu.csv"]
-        unit, _ = _unit("imu.csv", TIME, columns[TIME], log)
-        spans = [float(np.ptp(log.values[columns[TIME]])) / UNITS[unit]]
+    span, lines = 0.0, []
     for what, (log, columns) in sources.items():
         parts = []
         lines += [f"{what}:", f"  file: {quoted(log.name)}"]
         for column, called in columns.items():
-            unit, assumed = _unit(what, column, called, log, *spans)
+            unit, assumed = _unit(what, column, called, log, span)
+            if column == TIME:
+                span = span or float(np.ptp(log.values[called])) / UNITS[unit]
             lines.append(f"  {column}: [{quoted(called)}{unit and f', {unit}'}]")
             parts.append(f"{column} is {called!r}{unit and f' in {unit}'}{' (assumed)' * assumed}")
         said.append(f"{log.name} seems to be {what.removesuffix('.csv')}: {', '.join(parts)}.")
-    return "\n".join([*said, *_missing(set(sources)), _write(Path(folder), lines)])
+    there = {what.removesuffix(".csv") for what in sources}
+    for words, names in _WORDS["missing"].items():
+        if not there & set(names):
+            said.append(f"{words}; missing: {' or '.join(names)}.")
+    if "ranges" in there and "anchors" not in there:
+        said.append(f"Where the anchors are is missing: write {ANCHORS} (anchor, x_m, y_m, z_m).")
+    return "\n".join([*said, _write(Path(folder), lines)])
 
 
 def _log(path: Path) -> _Log:
@@ -116,18 +117,16 @@ def _log(path: Path) -> _Log:
         raise InswsnError("it has no header, or one column twice.")
     block: list[str] = next(blocks, [])
     values: dict[str, Array] = {}
-    for place, name in enumerate(header):
+    for name in header:
         # stamps may be dates, or too large for seconds
         for unit in ("s", "ns") if _fits(TIME, name) else ("",):
-            column = Column(name, place, gaps=True, unit=unit)
+            column = Column(name, unit=unit, size=UNITS.get(unit, 1.0))
             with suppress(InswsnError):
-                [found] = parse(Sheet(path, separator, len(header), (column,)), [block])
+                [found] = parse(path, [column], separator, header, [block])
                 if np.isfinite(found).any():
-                    values.setdefault(name, found * UNITS.get(unit, 1.0))
-    stamps = [
-        name for name in values if _fits(TIME, name) and (np.diff(values[name]) >= 0).all()
-    ]  # fmt: skip
-    return _Log(path.name, header, values, stamps[0] if stamps else "")
+                    values.setdefault(name, found * column.size)
+    stamps = (n for n in values if _fits(TIME, n) and (np.diff(values[n]) >= 0).all())
+    return _Log(path.name, header, values, next(stamps, ""))
 
 
 def _plain(name: str) -> tuple[str, str]:
@@ -150,12 +149,12 @@ def _streams(log: _Log) -> dict[str, dict[str, str]]:
         columns: dict[str, str] = {}
         for column in layout.names:
             for name in log.header:
-                number = column not in layout.texts
+                number = column != ANCHOR
                 if (number and name not in log.values) or name in columns.values():
                     continue
                 if name == log.time if column == TIME else _fits(column, name):
                     columns.setdefault(column, name)
-        for group in (*layout.groups, *layout.instead.values()):
+        for group in (*layout.groups, (*layout.instead.values(),)):
             if not set(group) <= set(columns):
                 columns = {c: called for c, called in columns.items() if c not in group}
         if set(layout.of([*columns])) <= set(columns):
@@ -169,53 +168,29 @@ def _streams(log: _Log) -> dict[str, dict[str, str]]:
     return found
 
 
-def _unit(what: str, column: str, called: str, log: _Log, *spans: float) -> tuple[str, bool]:
+def _unit(what: str, column: str, called: str, log: _Log, span: float) -> tuple[str, bool]:
     """Return the unit of a column, and whether it is assumed without a reason."""
     known, said = units_of(column), _plain(called)[1]
     if not known or said in known:
         return said if known else "", False
     values = log.values[called][np.isfinite(log.values[called])]
     if column == TIME:
-        return _time_unit(what, values, *spans), False
-    if column.endswith("_deg"):
-        return "deg", True
-    if column.endswith("radps") and np.abs(values).max() > _FASTEST:
+        if told := time_unit(what, values, span):
+            return told, False
+        period = np.median(np.diff(values))
+        return next((unit for unit in known if period / known[unit] <= _LONG), "ns"), False
+    if column.endswith("radps") and np.abs(values).max() > MOST_RATE:
         return "deg/s", False
     if column.startswith("force"):
         axes = [name for name in log.header if re.fullmatch(_FORCES, _plain(name)[0])]
-        size = float(np.nanmedian(np.linalg.norm([log.values[name] for name in axes], axis=0)))
-        for unit, (low, high) in _WORDS["gravity"].items():
-            if low < size < high:
+        force = float(np.nanmedian(np.linalg.norm([log.values[name] for name in axes], axis=0)))
+        for unit, size in known.items():
+            if _GRAVITY[0] < force / size < _GRAVITY[1]:
                 return unit, False
     return next(iter(known)), True
 
 
-def _time_unit(what: str, time: Array, *spans: float) -> str:
-    """Return the unit with which a stream lasts as long as another, or has a likely period."""
-    units = [unit for unit, size in UNITS.items() if np.abs(time).max() < 1e11 * size]
-    steps = np.diff(time)[np.diff(time) > 0]
-    step = float(np.median(steps)) if steps.size else 0.0
-    for span in spans:
-        for unit in units:
-            if 1 / _ALIKE < np.ptp(time) / UNITS[unit] / max(span, 1e-9) < _ALIKE:
-                return unit
-    likely = [unit for unit in units if step / UNITS[unit] <= _LONGEST.get(what, _LONG)]
-    return (likely or units)[0]
-
-
-def _missing(there: set[str]) -> list[str]:
-    said = [
-        f"{words}; missing: {' or '.join(names)}."
-        for words, names in _WORDS["missing"].items()
-        if not {f"{name}.csv" for name in names} & there
-    ]
-    if "ranges.csv" in there and ANCHORS not in there:
-        said.append(f"Where the anchors are is missing: write {ANCHORS} (anchor, x_m, y_m, z_m).")
-    return said
-
-
 def _write(folder: Path, lines: list[str]) -> str:
-    """Write the file as a whole, or not at all, and say so."""
     path = folder / ABOUT
     if not lines:
         return f"Nothing is written: no file in {folder} is known to be a stream."
@@ -228,7 +203,5 @@ def _write(folder: Path, lines: list[str]) -> str:
     except FileExistsError:
         return f"{path} is there already, and left as it is. It would be:\n{text}"
     except OSError as error:
-        with suppress(OSError):  # lest half of it is left
-            path.unlink()
         raise InswsnError(f"{path} cannot be written: {error.strerror}.") from None
     return f"{path} is written; check it, then read the folder as the kind csv."

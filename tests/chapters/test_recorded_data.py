@@ -36,7 +36,7 @@ def test_the_kept_results_say_what_they_came_from(root: Path) -> None:
     facts = read_tables(root / "data/recorded/on-recordings.json")[1]
     assert set(facts["digests"]) == set(logs.names())
     for name, known in KNOWN.items():
-        assert facts["digests"][name] == dict(known.source.digests)
+        assert facts["digests"][name] == dict(known.digests)
     assert len(facts["commit"]) == 40
 
 

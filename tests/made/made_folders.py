@@ -30,8 +30,8 @@ def needs(*names: str) -> pytest.MarkDecorator:
 
 def is_at_hand(name: str) -> bool:
     """Tell whether the mirror that is named has the files of a recording."""
-    source, mirror = KNOWN[name].source, os.environ.get(DATA_VARIABLE)
-    place = Path(source.repository.replace("/", "__"), source.commit, source.folder)
+    known, mirror = KNOWN[name], os.environ.get(DATA_VARIABLE)
+    place = Path(known.repository.replace("/", "__"), known.commit, known.folder)
     return bool(mirror) and (Path(str(mirror)) / place).is_dir()
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,38 +20,25 @@ from inswsn_lib.streams import Fixes, Imu, Odometry, Ranges, Recording, Referenc
 
 def test_all_files_are_read(tmp_path: Path) -> None:
     make_csv(tmp_path)
-    read = logs.load("csv", tmp_path)
-    expected = Recording(
-        "a walk",
-        imu=Imu(
-            time=np.array([0.0, 0.01]),
-            rate=np.array([[0.1, 0.2, 0.3], [0.1, 0.2, 0.3]]),
-            force=np.array([[0.0, 0.0, 9.8], [0.5, -0.5, 9.9]]),
-        ),
-        odometry=Odometry(np.array([0.1, 0.2]), np.array([1.5, 1.25]), np.array([-0.2, 0.0])),
-        ranges=Ranges(
-            time=np.array([0.1, 0.1, 0.2]),
-            anchor=np.array([1, 0, 1]),
-            distance=np.array([2.5, 3.5, 2.25]),
-            anchors=np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]),
-            names=("007", "A 1"),
-        ),
-        fixes=Fixes(
-            time=np.array([0.0, 1.0]),
-            position=np.array([[1.0, 2.0, 3.0], [np.nan] * 3]),
-            velocity=np.array([[0.1, 0.2], [np.nan] * 2]),
-            deviation=np.array([[0.01, 0.02], [np.nan] * 2]),
-            good=np.array([True, False]),
-        ),
-        reference=Reference(
-            time=np.array([0.0, 0.5]),
-            position=np.array([[1.0, 2.0, 3.0], [1.0, 2.0, 3.0]]),
-            attitude=np.array([[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, HALF, HALF]]),
-        ),
-        lever_arm=np.array([0.0, 0.5, 1.0]),
-        origin=np.array([0.7, -1.8, 9.0]),
-    )
-    np.testing.assert_equal(values_of(read), values_of(expected))
+    read, no = logs.load("csv", tmp_path), np.nan
+    expected = {
+        "lever_arm": [0.0, 0.5, 1.0], "origin": [0.7, -1.8, 9.0],
+        "imu.time": [0.0, 0.01], "imu.rate": [[0.1, 0.2, 0.3], [0.1, 0.2, 0.3]],
+        "imu.force": [[0.0, 0.0, 9.8], [0.5, -0.5, 9.9]],
+        "odometry.time": [0.1, 0.2], "odometry.speed": [1.5, 1.25], "odometry.rate": [-0.2, 0.0],
+        "ranges.time": [0.1, 0.1, 0.2], "ranges.anchor": [1, 0, 1],
+        "ranges.distance": [2.5, 3.5, 2.25],
+        "ranges.anchors": [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], "ranges.names": ("007", "A 1"),
+        "fixes.time": [0.0, 1.0], "fixes.position": [[1.0, 2.0, 3.0], [no, no, no]],
+        "fixes.velocity": [[0.1, 0.2], [no, no]], "fixes.deviation": [[0.01, 0.02], [no, no]],
+        "fixes.good": [True, False],
+        "reference.time": [0.0, 0.5], "reference.position": [[1.0, 2.0, 3.0], [1.0, 2.0, 3.0]],
+        "reference.attitude": [[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, HALF, HALF]],
+    }  # fmt: skip
+    found = values_of(read)
+    assert found.keys() == expected.keys()
+    for name, value in expected.items():
+        np.testing.assert_array_equal(found[name], value, name)
     assert (read.name, read.licence, read.source) == ("a walk", "mine", str(tmp_path))
     assert len(read.digests) == 7
 
@@ -61,24 +47,15 @@ def test_a_stream_alone_in_a_plane_is_enough(tmp_path: Path) -> None:
     (tmp_path / "reference.csv").write_text("time_s;y_m;x_m;note\n# a comment\n0,5;1;2,5;#a\n\n")
     read = logs.load("csv", tmp_path)
     assert [*read.streams] == ["reference"]
-    assert read.reference is not None
     assert read.reference.position.tolist() == [[2.5, 1.0]]
     assert read.reference.attitude is None
     assert read.name == tmp_path.name
     assert read.lever_arm.tolist() == [0, 0, 0]
 
 
-def test_dates_are_seconds(tmp_path: Path) -> None:
-    rows = "2025-08-28T17:30:40Z,1,2\n2025-08-28T17:30:40.5Z,1,2\n"
-    (tmp_path / "fixes.csv").write_text("time_s,x_m,y_m\n" + rows)
-    assert logs.load("csv", tmp_path).span == (1756402240.0, 1756402240.5)
-
-
 def test_a_quaternion_of_nearly_unit_length_is_made_one(tmp_path: Path) -> None:
     (tmp_path / "reference.csv").write_text("time_s,x_m,y_m,qx,qy,qz,qw\n0,1,2,0.6004,0,0,0.8\n")
     reference = logs.load("csv", tmp_path).reference
-    assert reference is not None
-    assert reference.attitude is not None
     assert np.linalg.norm(reference.attitude) == pytest.approx(1.0, abs=1e-15)
     assert reference.attitude[0, 0] / reference.attitude[0, 3] == pytest.approx(0.6004 / 0.8)
 
@@ -95,14 +72,13 @@ def test_a_header_may_stand_behind_a_sign(tmp_path: Path, sign: str) -> None:
     np.testing.assert_equal(values_of(logs.load("csv", tmp_path)), expected)
 
 
-@pytest.mark.parametrize("name", ["t_s", "time_ms", "t_ms", "time_us", "time_ns"])
+@pytest.mark.parametrize("name", ["t_s", "time_ms", "t_us", "time_ns"])
 def test_time_stamps_may_be_in_smaller_units(tmp_path: Path, name: str) -> None:
     size = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}[name.partition("_")[2]]
     stamps = [1_700_000_000, 1_700_000_001, 1_700_000_003]
     rows = "".join(f"{k * size + size // 2 if size > 1 else k + 0.5},1,0\n" for k in stamps)
     (tmp_path / "odometry.csv").write_text(f"{name},speed_mps,rate_radps\n{rows}")
     odometry = logs.load("csv", tmp_path).odometry
-    assert odometry is not None
     assert odometry.time.tolist() == [k + 0.5 for k in stamps]
 
 
@@ -145,7 +121,6 @@ def test_stamps_of_a_motion_in_a_smaller_unit_are_refused(
 @pytest.mark.parametrize(("unit", "size"), [("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
 def test_one_stream_in_a_smaller_unit_is_refused(tmp_path: Path, unit: str, size: float) -> None:
     car = drive(0, 1.0)
-    assert car.fixes is not None
     other = replace(car, fixes=replace(car.fixes, time=size * (car.fixes.time + 0.3)))
     logs.write_csv(other, tmp_path / "new")
     with pytest.raises(InswsnError, match=f"fixes.csv: time_s has a median step .* in {unit}, of"):
@@ -169,24 +144,19 @@ def drive(seed: int, noise: float) -> Recording:
     return Recording("car", Imu(time, rate, force), odometry, None, fixes, reference)
 
 
-@pytest.mark.parametrize("only", ["imu", "odometry", "reference", "height"])
+@pytest.mark.parametrize("only", ["imu", "odometry"])
 @pytest.mark.parametrize("north", [0, 1])
 @pytest.mark.parametrize("noise", [0.01, 2.0])
 def test_degrees_are_no_metres(tmp_path: Path, only: str, north: int, noise: float) -> None:
     right = drive(north, noise)
-    assert right.fixes is not None
-    position = right.fixes.position[:, : 3 if only == "height" else 2] + 20.0
+    position = right.fixes.position[:, :2] + 20.0
     metres = replace(right.fixes, position=position)
-    others = [name for name in ("imu", "odometry", "reference") if name != only]
-    kept = replace(right, fixes=metres).without(*others)
+    kept = replace(right, fixes=metres).without("odometry" if only == "imu" else "imu")
     logs.write_csv(kept, tmp_path / "metres")
     assert logs.load("csv", tmp_path / "metres").fixes is not None
-    degrees = position.copy()
-    degrees[:, :2] = np.roll([48.1, 11.5], north) + position[:, :2] / 111e3
+    degrees = np.roll([48.1, 11.5], north) + position / 111e3
     logs.write_csv(replace(kept, fixes=replace(metres, position=degrees)), tmp_path / "new")
     said = r"fixes.csv: the positions in columns x_m, y_m seem to be latitude and longitude in deg"
-    if only == "height" and noise < 1:  # a flat way, exactly measured
-        return
     with pytest.raises(InswsnError, match=said):
         logs.load("csv", tmp_path / "new")
 
@@ -195,13 +165,11 @@ def test_degrees_are_no_metres(tmp_path: Path, only: str, north: int, noise: flo
 def test_a_tag_at_rest_is_not_in_degrees(tmp_path: Path, noise: float) -> None:
     """An antenna about which an IMU turns by hand, far from the origin of its frame."""
     rng, right = np.random.default_rng(4), drive(0, 0.0)
-    assert right.imu is not None
     time = right.imu.time
     force = 9.81 * np.column_stack([np.sin(time), np.cos(time), 0 * time])
     fixes = Fixes(time[::10], [11.5, 48.1, 1.0] + noise * rng.normal(size=(300, 3)))
-    still = Recording("still", imu=replace(right.imu, force=force), fixes=fixes)
-    logs.write_csv(still, tmp_path / "new")
-    assert logs.load("csv", tmp_path / "new").fixes is not None
+    logs.write_csv(Recording("still", replace(right.imu, force=force), fixes=fixes), tmp_path / "a")
+    assert logs.load("csv", tmp_path / "a").fixes is not None
 
 
 def test_a_description_that_is_no_mapping_is_refused(tmp_path: Path) -> None:
@@ -209,8 +177,6 @@ def test_a_description_that_is_no_mapping_is_refused(tmp_path: Path) -> None:
     (tmp_path / "recording.yaml").write_text("- a walk\n")
     with pytest.raises(InswsnError, match=r"recording.yaml: it is not a mapping; it must have"):
         logs.load("csv", tmp_path)
-    (tmp_path / "recording.yaml").write_text("# nothing\n")
-    assert logs.load("csv", tmp_path).name == tmp_path.name
 
 
 @pytest.mark.parametrize(("size", "unit"), [(0.02, None), (0.97, "g"), (9.7, None), (981, "mg")])
@@ -238,13 +204,6 @@ def test_a_folder_with_nothing_is_refused(tmp_path: Path) -> None:
         logs.load("csv", tmp_path)
 
 
-def test_ranges_need_anchors(tmp_path: Path) -> None:
-    make_csv(tmp_path)
-    (tmp_path / "anchors.csv").unlink()
-    with pytest.raises(InswsnError, match=r"ranges.csv needs anchors.csv beside it; there is none"):
-        logs.load("csv", tmp_path)
-
-
 # --- what is written ---
 
 
@@ -253,7 +212,7 @@ def floats(most: float = 1e6) -> st.SearchStrategy[float]:
 
 
 def times(rows: int, **how: Any) -> st.SearchStrategy[list[float]]:
-    return st.lists(floats(1e10), min_size=rows, max_size=rows, **how).map(sorted)
+    return st.lists(floats(1e3), min_size=rows, max_size=rows, **how).map(sorted)
 
 
 ANCHOR = st.text(min_size=1, max_size=5).filter(
@@ -268,9 +227,9 @@ def made(draw: st.DrawFn) -> Recording:
     rows, dimension = draw(st.integers(1, 4)), draw(st.integers(2, 3))
     names = draw(st.lists(ANCHOR, min_size=1, max_size=3, unique=True))
 
-    def table(width: int, most: float = 1e6, gaps: bool = False) -> Any:
+    def table(*width: int, most: float = 1e6, gaps: bool = False) -> Any:
         numbers = st.one_of(floats(most), st.just(np.nan)) if gaps else floats(most)
-        return draw(arrays(float, (rows, width), elements=numbers))
+        return draw(arrays(float, (rows, *width), elements=numbers))
 
     def time(repeats: bool = False) -> Any:
         return np.array(draw(times(rows, unique=not repeats)))
@@ -280,30 +239,17 @@ def made(draw: st.DrawFn) -> Recording:
 
     attitude = table(4) + 3e6 * np.eye(4)[3]
     attitude /= np.linalg.norm(attitude, axis=1)[:, None]
-    position = table(dimension, gaps=True)
+    anchor = draw(arrays(int, rows, elements=st.integers(0, len(names) - 1)))
+    places = draw(arrays(float, (len(names), dimension), elements=floats()))
+    fixes = [maybe(table(dimension, gaps=True)) for _ in range(2)]
+    good = maybe(draw(arrays(bool, rows)))
     return Recording(
         draw(TEXT.filter(bool)),
-        imu=maybe(Imu(time=time(), rate=table(3, 35.0), force=table(3, 0.5))),
-        odometry=maybe(Odometry(time=time(), speed=table(1)[:, 0], rate=table(1)[:, 0])),
-        ranges=maybe(
-            Ranges(
-                time=time(repeats=True),
-                anchor=draw(arrays(int, rows, elements=st.integers(0, len(names) - 1))),
-                distance=table(1)[:, 0],
-                anchors=draw(arrays(float, (len(names), dimension), elements=floats())),
-                names=tuple(names),
-            )
-        ),
-        fixes=maybe(
-            Fixes(
-                time=time(),
-                position=position,
-                velocity=maybe(table(dimension, gaps=True)),
-                deviation=maybe(table(dimension, gaps=True)),
-                good=maybe(draw(arrays(bool, rows))),
-            )
-        ),
-        reference=Reference(time=time(), position=table(dimension), attitude=maybe(attitude)),
+        imu=maybe(Imu(time(), table(3, most=35.0), table(3, most=0.5))),
+        odometry=maybe(Odometry(time(), table(), table())),
+        ranges=maybe(Ranges(time(repeats=True), anchor, table(), places, tuple(names))),
+        fixes=maybe(Fixes(time(), table(dimension, gaps=True), *fixes, good)),
+        reference=Reference(time(), table(dimension), maybe(attitude)),
         lever_arm=draw(arrays(float, 3, elements=floats())),
         origin=maybe(draw(arrays(float, 3, elements=floats()))),
         licence=draw(TEXT),
@@ -329,55 +275,7 @@ def test_what_is_there_is_not_written_over(tmp_path: Path) -> None:
     read = logs.load("csv", tmp_path)
     with pytest.raises(InswsnError, match=r"has imu.csv, .*, recording.yaml already; it must be "):
         logs.write_csv(read, tmp_path)
-    logs.write_csv(read.without("ranges"), str(tmp_path / "a" / "b"))
-    assert not (tmp_path / "a" / "b" / "anchors.csv").exists()
-
-
-def test_where_nothing_can_be_written_is_told(tmp_path: Path) -> None:
-    make_csv(tmp_path)
-    read = logs.load("csv", tmp_path)
     with pytest.raises(InswsnError, match=r"imu.csv.new cannot be written to: Not a directory\."):
         logs.write_csv(read, tmp_path / "imu.csv" / "new")
-
-
-@pytest.mark.parametrize("name", ["", " A", "#1", "A\n", "A\tB"])
-def test_an_anchor_that_would_not_be_read_is_not_written(tmp_path: Path, name: str) -> None:
-    make_csv(tmp_path)
-    read = logs.load("csv", tmp_path)
-    assert read.ranges is not None
-    named = replace(read, ranges=replace(read.ranges, names=("A 1", name)))
-    with pytest.raises(InswsnError, match=r"an anchor's name must be a word without # "):
-        logs.write_csv(named, tmp_path / "new")
-    twins = replace(read, ranges=replace(read.ranges, names=("A", "A")))
-    with pytest.raises(InswsnError, match=r"the anchor 'A' is there more than once\."):
-        logs.write_csv(twins, tmp_path / "new")
-    assert not (tmp_path / "new").exists()
-
-
-def test_long_files_are_read_alike_with_and_without_pandas(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Numbers alone are read at once; an uneven row, or a word, is told by its place."""
-    rng = np.random.default_rng(7)
-    rows = np.column_stack([np.arange(25_000) / 100, rng.normal(size=(25_000, 6)) * 0.1])
-    rows[:, 6] += 9.8
-    lines = [",".join(map(repr, row)) for row in rows.tolist()]
-    names = "rate_x_radps,rate_y_radps,rate_z_radps,force_x_mps2,force_y_mps2,force_z_mps2"
-
-    def logged(text: list[str]) -> Imu:
-        (tmp_path / "imu.csv").write_text("\n".join([f"time_s,{names}", *text, ""]))
-        found = logs.load("csv", tmp_path).imu
-        assert found is not None
-        return found
-
-    quick = logged(lines)
-    for wrong, says in (("1,2", "has 2 cells in row 15002"), ("a", "has 1 cells in row 15002")):
-        with pytest.raises(InswsnError, match=says):
-            logged([*lines[:15_000], wrong, *lines[15_001:]])
-    word = lines[15_000].rpartition(",")[0] + ",1-2"
-    with pytest.raises(InswsnError, match="'1-2' in column force_z_mps2, row 15002"):
-        logged([*lines[:15_000], word, *lines[15_001:]])
-    monkeypatch.setitem(sys.modules, "pandas", None)
-    slow = logged(lines)
-    assert np.array_equal(quick.rate, slow.rate)
-    assert np.array_equal(quick.rate, rows[:, 1:4])
+    logs.write_csv(read.without("ranges"), str(tmp_path / "a" / "b"))
+    assert not (tmp_path / "a" / "b" / "anchors.csv").exists()

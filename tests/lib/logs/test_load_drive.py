@@ -28,17 +28,14 @@ from inswsn_lib.vehicle import emulate_sensors
 Array = NDArray[np.float64]
 NAME = "rtklib/drive-0708"
 IMU, TAG, POSITIONS = NAMES = ("imu_1934.csv", "imu_1934.csv.tag", "gnss_1934_sf.pos")
-MIRROR = (
-    "rtklibexplorer__GNSS_IMU/8235ee6c5f349db529bf43ad556a3769b346b5a1/data/drive_0708"  # as asked
-)
+MIRROR = "rtklibexplorer__GNSS_IMU/8235ee6c5f349db529bf43ad556a3769b346b5a1/data/drive_0708"
 G0 = 9.80665
 
 
 def take(monkeypatch: pytest.MonkeyPatch, *paths: Path) -> None:
     """Take files for the originals."""
     digests = {path.name: file_digest(path) for path in paths}
-    source = replace(KNOWN[NAME].source, digests=digests)
-    monkeypatch.setitem(KNOWN, NAME, replace(KNOWN[NAME], source=source))
+    monkeypatch.setitem(KNOWN, NAME, replace(KNOWN[NAME], digests=digests))
 
 
 def test_the_axes_are_forward_right_down(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -47,7 +44,7 @@ def test_the_axes_are_forward_right_down(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setenv(DATA_VARIABLE, str(tmp_path))
     read = load_drive()
     assert (read.name, read.licence, read.digests) == (
-        NAME, KNOWN[NAME].licence, KNOWN[NAME].source.digests,
+        NAME, KNOWN[NAME].licence, KNOWN[NAME].digests,
     )  # fmt: skip
     assert read.source.endswith("8235ee6c5f349db529bf43ad556a3769b346b5a1/data/drive_0708")
     found, logged = values_of(read), values_of(read_rtklib(tmp_path / MIRROR))
@@ -66,7 +63,6 @@ needs_recording = needs(NAME)
 def drive() -> tuple[Drive, Fixes]:
     """What is emulated of the recording, and its fixes by the clock of that."""
     recording = load_drive()
-    assert recording.fixes is not None
     since = replace(recording.fixes, time=recording.fixes.time - 1752003261.999)
     return emulate_sensors(recording, runs=1, seed=0), since.part(-0.01, 545.01)
 
@@ -136,37 +132,32 @@ def asked(monkeypatch: pytest.MonkeyPatch, known: Path) -> list[str]:
 
 
 def fetched(cache: Path | None = None) -> dict[str, Path]:
-    return locate(KNOWN[NAME].source, cache)
+    return locate(KNOWN[NAME], cache)
 
 
-def test_a_mirror_is_taken_instead_of_the_network(
+def test_a_mirror_is_taken_instead_of_the_network_and_has_each_file_as_it_is(
     known: Path, asked: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(DATA_VARIABLE, str(known))
     assert fetched() == {name: known / MIRROR / name for name in NAMES}
-    assert asked == []
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_a_mirror_has_to_have_each_file_as_it_is(
-    known: Path, asked: list[str], monkeypatch: pytest.MonkeyPatch, name: str
-) -> None:
-    monkeypatch.setenv(DATA_VARIABLE, str(known))
-    (known / MIRROR / name).write_text("another\n")
-    with pytest.raises(InswsnError, match=rf"{name} is not the original"):
+    (known / MIRROR / POSITIONS).write_text("another\n")
+    with pytest.raises(InswsnError, match=rf"{POSITIONS} is not the original"):
         fetched()
-    (known / MIRROR / name).unlink()
-    with pytest.raises(InswsnError, match=rf"There is no file .*{name}; INSWSN_DATA may name"):
+    (known / MIRROR / IMU).unlink()
+    with pytest.raises(InswsnError, match=rf"There is no file .*{IMU}; INSWSN_DATA may name"):
         fetched()
     assert asked == []
 
 
-def test_files_are_fetched_once_and_in_silence(
-    tmp_path: Path, asked: list[str], capfd: pytest.CaptureFixture[str]
+def test_files_are_fetched_once_in_silence_and_mended(
+    tmp_path: Path,
+    asked: list[str],
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     said: list[logging.LogRecord] = []  # pooch writes to the stderr that was there at its import
     listener = logging.Handler()
-    listener.emit = said.append  # type: ignore[method-assign]
+    listener.emit = said.append
     pooch.get_logger().addHandler(listener)
     level = pooch.get_logger().level
     files = fetched(tmp_path / "cache")
@@ -175,20 +166,13 @@ def test_files_are_fetched_once_and_in_silence(
     assert {n: p.read_text() for n, p in files.items()} == {n: f"content of {n}\n" for n in NAMES}
     assert fetched(tmp_path / "cache") == files
     assert len(asked) == 3
-    pooch.get_logger().removeHandler(listener)
-    assert said == []
-    assert tuple(capfd.readouterr()) == ("", "")
-    assert pooch.get_logger().level == level
-
-
-def test_a_cache_is_a_mirror_and_is_mended(
-    tmp_path: Path, asked: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    files = fetched(tmp_path)
     files[TAG].write_text("spoilt")
-    assert fetched(tmp_path)[TAG].read_text() == f"content of {TAG}\n"
+    assert fetched(tmp_path / "cache")[TAG].read_text() == f"content of {TAG}\n"
     assert len(asked) == 4
-    monkeypatch.setenv(DATA_VARIABLE, str(tmp_path))
+    pooch.get_logger().removeHandler(listener)
+    assert (said, tuple(capfd.readouterr())) == ([], ("", ""))
+    assert pooch.get_logger().level == level
+    monkeypatch.setenv(DATA_VARIABLE, str(tmp_path / "cache"))  # a cache is a mirror
     assert fetched() == files
     monkeypatch.delenv(DATA_VARIABLE)
     monkeypatch.setattr(pooch, "os_cache", lambda project: tmp_path / project)
@@ -212,7 +196,9 @@ def test_no_network_is_told_in_one_sentence(
         raise cause
 
     monkeypatch.setattr(pooch.HTTPDownloader, "__call__", fail)
-    with pytest.raises(RecordingUnavailableError, match=r"imu_1934.csv could not .*\.$") as error:
+    with pytest.raises(
+        RecordingUnavailableError, match=r"imu_1934.csv, .*could not .*\.$"
+    ) as error:
         load_drive(tmp_path / "cache")
     assert f"({type(cause).__name__})" in str(error.value)
     assert "\n" not in str(error.value)

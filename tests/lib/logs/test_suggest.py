@@ -41,9 +41,6 @@ def test_what_a_logger_writes_is_read_as_suggested(
 ) -> None:
     stamp, gyroscope, force, second, degree, g = logger
     right = walk(3)
-    assert right.imu is not None
-    assert right.fixes is not None
-    assert right.reference is not None
     imu = pd.DataFrame({stamp: (right.imu.time + epoch) * second, "temperature": 20.5})
     for axis, name in enumerate("xyz"):
         imu[gyroscope.format(name)] = right.imu.rate[:, axis] / degree
@@ -63,20 +60,16 @@ def test_what_a_logger_writes_is_read_as_suggested(
         assert what in said
     assert "missing" not in said
     read = logs.load("csv", tmp_path)
-    assert read.imu is not None
-    assert read.fixes is not None
-    assert read.reference is not None
     for mine, other in ((read.imu, right.imu), (read.fixes, right.fixes)):
         np.testing.assert_allclose(mine.time - epoch, other.time, atol=1e-6)
     np.testing.assert_allclose(read.imu.rate, right.imu.rate, atol=1e-12)
     np.testing.assert_allclose(read.imu.force, right.imu.force, atol=1e-9)
     np.testing.assert_allclose(read.fixes.position, right.fixes.position)
-    np.testing.assert_allclose(read.reference.attitude, right.reference.attitude)  # type: ignore[arg-type]
+    np.testing.assert_allclose(read.reference.attitude, right.reference.attitude)
 
 
 def test_ranges_and_anchors_are_known_and_what_is_missing_is_said(tmp_path: Path) -> None:
     right = walk(4)
-    assert right.ranges is not None
     heard = pd.DataFrame({"time (ms)": right.ranges.time * 1e3, "beacon": right.ranges.anchor})
     heard["distance [mm]"] = right.ranges.distance * 1e3
     heard.to_csv(tmp_path / "uwb.csv", index=False)
@@ -90,7 +83,6 @@ def test_ranges_and_anchors_are_known_and_what_is_missing_is_said(tmp_path: Path
     (tmp_path / "recording.yaml").unlink()
     assert "beacons.csv seems to be anchors" in logs.suggest(tmp_path)
     read = logs.load("csv", tmp_path).ranges
-    assert read is not None
     np.testing.assert_allclose(read.distance, right.ranges.distance)
     np.testing.assert_allclose(read.anchors, right.ranges.anchors)
 
@@ -130,7 +122,7 @@ def test_what_cannot_be_read_so_is_refused(tmp_path: Path, lines: str, said: str
     (tmp_path / "odometry.csv").write_text("time_s,v,rate_radps\n0,36,0\n0.1,72,0\n")
     about = tmp_path / "recording.yaml"
     about.write_text("odometry.csv: {speed_mps: [v, km/h]}\n")
-    assert logs.load("csv", tmp_path).odometry.speed.tolist() == [10, 20]  # type: ignore[union-attr]
+    assert logs.load("csv", tmp_path).odometry.speed.tolist() == [10, 20]
     about.write_text(f"odometry.csv: {{{lines}}}\n")
     with pytest.raises(InswsnError, match=said):
         logs.load("csv", tmp_path)
@@ -158,7 +150,6 @@ def test_latitude_and_longitude_become_metres(
         table["height_m"] = 7.0 + np.arange(30.0)
     table.to_csv(tmp_path / "fixes.csv", index=False)
     read = logs.load("csv", tmp_path)
-    assert read.fixes is not None
     expected = [east - east[0], north - north[0], np.arange(30.0)][: 2 + height]
     atol = 0.02 if abs(latitude) < 60 else 0.1
     np.testing.assert_allclose(read.fixes.position, np.column_stack(expected), atol=atol)
@@ -169,7 +160,6 @@ def test_latitude_and_longitude_become_metres(
         f"origin_rad_m: [{np.radians(latitude)}, {np.radians(11.5)}, 5.0]\nheight_m: 1.5\n"
     )
     other = logs.load("csv", tmp_path)
-    assert other.fixes is not None
     assert other.height == 1.5
     up = other.fixes.position[:, 2:] - read.fixes.position[:, 2:]
     np.testing.assert_allclose(up, 2.0, atol=1e-3)
