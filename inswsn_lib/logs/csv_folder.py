@@ -125,22 +125,10 @@ def read_csv_folder(place: Place) -> Recording:
     if "ranges.csv" in used and ANCHORS not in used:
         raise InswsnError(f"{used['ranges.csv']} needs {ANCHORS} beside it; there is none.")
     tables: dict[str, Table] = {}
-    for name, layout in LAYOUTS.items():
+    for name in LAYOUTS:
         if name in used:
             with reading(used[name]):
-                table = read_table(used[name], layout, sources.get(name, ("", {}))[1])
-                if not len(next(iter(table.values()))):
-                    raise InswsnError(
-                        "it has a header and no rows; leave out a stream that was not logged."
-                    )
-                if name == ANCHORS:
-                    check_twins(table["anchor"].tolist())
-                else:
-                    repeats = name == "ranges.csv"
-                    check_clock(f"in {TIME}", table[TIME], repeats=repeats, first=_FIRST)
-                if _GEODETIC[0] in table:
-                    _make_local(table, about)
-                tables[name] = table
+                tables[name] = _table(name, used[name], sources.get(name, ("", {}))[1], about)
     spans = [float(np.ptp(tables[name][TIME])) for name in _SLOWEST if name in tables]
     streams: dict[str, Any] = {}
     for what in _STREAMS:
@@ -158,6 +146,20 @@ def read_csv_folder(place: Place) -> Recording:
         )
     name = str(about.pop("name", "") or next(iter(used.values())).absolute().parent.name)
     return Recording(name, **streams, **about, digests=digests_of(*used.values()))
+
+
+def _table(name: str, path: Path, named: Named, about: dict[str, Any]) -> Table:
+    """Return the columns of a file; refuse one without rows, and clocks that were set."""
+    table = read_table(path, LAYOUTS[name], named)
+    if not len(next(iter(table.values()))):
+        raise InswsnError("it has a header and no rows; leave out a stream that was not logged.")
+    if name == ANCHORS:
+        check_twins(table["anchor"].tolist())
+    else:
+        check_clock(f"in {TIME}", table[TIME], repeats=name == "ranges.csv", first=_FIRST)
+    if _GEODETIC[0] in table:
+        _make_local(table, about)
+    return table
 
 
 def _make_local(table: Table, about: dict[str, Any]) -> None:
@@ -369,7 +371,7 @@ def write_csv(recording: Recording, folder: str | Path) -> None:
         for attribute, columns in COLUMNS[what].items():
             if (value := getattr(stream, attribute)) is not None:
                 # bools become 0 and 1; in a plane there are fewer columns
-                table |= dict(zip(columns, np.atleast_2d(value.T * 1), strict=False))
+                table |= dict(zip(columns, np.atleast_2d(np.transpose(value) * 1), strict=False))
     if (ranges := recording.ranges) is not None:
         tables["ranges.csv"]["anchor"] = np.array(ranges.names, dtype=object)[ranges.anchor]
         places = dict(zip(PLACE, ranges.anchors.T, strict=False))

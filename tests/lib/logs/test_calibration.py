@@ -274,7 +274,7 @@ def test_without_redundant_ranges_nothing_is_told() -> None:
     with pytest.raises(InswsnError, match="none is redundant"):
         calibrate(replace(alone, ranges=three), ("bias",))
     still = made(1, still=True, rate=60).without("reference")
-    with pytest.raises(InswsnError, match=r"alone cannot tell bias a0"):
+    with pytest.raises(InswsnError, match="cannot tell bias a0"):
         calibrate(still, ("bias",))
 
 
