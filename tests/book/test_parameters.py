@@ -40,8 +40,7 @@ NAMES = [parameter.name for parameter in SCHEMA.parameters]
 def test_a_cell_is_read() -> None:
     assert SCHEMA.defaults == {
         "width": 2.5, "samples": 100, "form": "exact", "draw": True, "share": 0.5,
-        "offset": 0.0,
-        "learner": "a.b:C",
+        "offset": 0.0, "learner": "a.b:C",
     }  # fmt: skip
     width = SCHEMA["width"]
     assert (width.kind, width.unit) == ("float", "points")
@@ -120,13 +119,10 @@ def test_texts(name: str, text: str, value: object) -> None:
         ("form", "other", "form must be one of exact, printed, not 'other'."),
         ("draw", 1, "draw must be true or false, not 1."),
         ("learner", 3, f"learner must be {SCHEMA['learner'].allowed}, not 3."),
-        (
-            "wdith",
-            1.0,
-            f"parameter must be one of {', '.join(NAMES)} (the nearest is width), not 'wdith'.",
-        ),
+        ("wdith", 1.0, f"parameter must be one of {', '.join(NAMES)} (the nearest is width), not "
+         "'wdith'."),
     ],
-)
+)  # fmt: skip
 def test_a_refusal_is_one_sentence(name: str, value: object, sentence: str) -> None:
     with pytest.raises(ParameterError) as refusal:
         SCHEMA.check({name: value})
@@ -138,18 +134,10 @@ def test_a_refusal_is_one_sentence(name: str, value: object, sentence: str) -> N
     [
         *("x: int = 1", "x: list = []  # m; any", "x: int  # m; any", "x: int = 1  # m; positive"),
         *("x: int = 1  # m; in (0, y)", "x: int = 1  # m; in [0, inf]", "print(1)  # m; any"),
-        *(
-            "x: int = 1  # m; in [3, 1]",
-            "x: int = 1  # m; in [nan, 1]",
-            "x: int = 1  # m; in [2, 9]",
-        ),
+        *(f"x: int = 1  # m; in [{ends}]" for ends in ("3, 1", "nan, 1", "2, 9")),
         *("x: float = 1  # m; in [0, 1)", "x: int = 1  # m; a regressor", "x: int = = 1  # m; any"),
         *("x: bool = True  # 1; a regressor", "x: str = 'a:B'  # 1; a regressor, a file"),
-        *(
-            "x: int = {[]: 1}  # m; any",
-            "x: int = (  # m; any",
-            f"x: int = {'-' * 9999}1  # m; any",
-        ),
+        *(f"x: int = {value}  # m; any" for value in ("{[]: 1}", "(", f"{'-' * 9999}1")),
         *("x: str = 3  # 1; a regressor", "x: int = len('ab')  # m; any", "x = 1  # m; any"),
         "x: int = 1  # m; any\n# Y.\nx: int = 2  # m; any",
     ],
@@ -157,11 +145,8 @@ def test_a_refusal_is_one_sentence(name: str, value: object, sentence: str) -> N
 def test_a_bad_declaration_is_refused(line: str) -> None:
     with pytest.raises(InswsnError):
         read_schema(f"# X.\n{line}")
-
-
-def test_a_declaration_without_a_meaning_is_refused() -> None:
     with pytest.raises(InswsnError, match="is not a declaration of the form"):
-        read_schema("x: int = 1  # m; any")
+        read_schema("x: int = 1  # m; any")  # without a meaning
 
 
 @pytest.mark.parametrize(

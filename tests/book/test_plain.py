@@ -13,15 +13,10 @@ from conftest import MiniProject, assert_plain
 from inswsn_book.notebooks import notebook_text, read_source
 from inswsn_book.plain import PlainBook, stale_twins
 from inswsn_book.project import ROOT_VARIABLE, Project
-from inswsn_book.results import Quantity, Results
+from made_results import quantity, results
 
-FOUND = Results(
-    chapter="00", parameters={}, data={}, words={"said": "2 to 4", "fig-x": "What $x$ does."},
-    quantities=[
-        Quantity(name=name, value=value, unit="m", basis="printed", how="For a test.", tolerance=0)
-        for name, value in (("whole", 42.0), ("part", 2.345))
-    ],
-)  # fmt: skip
+WORDS = {"said": "2 to 4", "fig-x": "What $x$ does."}
+FOUND = results(quantity("whole", 42.0), quantity("part", 2.345), words=WORDS)
 LABELS = """
 ```{math}
 :label: eq-a
@@ -150,8 +145,7 @@ def test_the_kept_twins_read_anywhere(project: Project) -> None:
 
 def test_a_twin_holds_no_output_and_is_written_where_it_is_stale(mini: MiniProject) -> None:
     (chapter,) = mini.chapters()
-    mini.publish(FOUND.model_copy(update={"quantities": (FOUND["whole"].model_copy(
-        update={"name": "twice"}),)}))  # fmt: skip
+    mini.publish(results(quantity("twice", 42.0)))
     text, lost = str(stale_twins(mini)[chapter.twin]), mini.root / "chapters" / "07-lost.ipynb"
     assert "The number is **42**." in text
     cells = json.loads(text)["cells"]

@@ -9,8 +9,7 @@ from typing import Any
 
 import pytest
 from hypothesis import given, strategies as st
-from inswsn_book.ledger import Claim, MissingCheck, QuantityCheck
-from inswsn_book.results import Quantity, Results
+from inswsn_book.ledger import MissingCheck, QuantityCheck
 from inswsn_book.review import (
     Anew,
     Bound,
@@ -30,30 +29,20 @@ from inswsn_book.review import (
     with_readings,
 )
 from inswsn_book.verdicts import Judged, Verdict, verdicts
+from made_results import claim, quantity, results
 from markdown_it import MarkdownIt
 
 from inswsn_lib.errors import InswsnError
 
-
-def quantity(name: str, value: float, **fields: Any) -> Quantity:
-    return Quantity(
-        name=name, value=value, unit="m", basis="printed", tolerance=0, how="For a test.", **fields
-    )
-
-
-CLAIM = Claim(
-    id="P1-M-twice", paper="P1", place="Section 1", says="It is 42 m.", value="42", unit="m",
-    kind="numeric", check=QuantityCheck(chapter="00", quantity="twice"), tolerance="digits",
-    why="It is printed in whole metres.",
-)  # fmt: skip
-RESULTS = Results(
-    chapter="00", parameters={}, data={},
-    quantities=(
-        quantity("twice", 42.25, interval=(41.5, 43.0), interval_kind="rounding"),
-        quantity("share", 0.25), quantity("loss", -3.5),
-    ),
+CLAIM = claim(
+    id="P1-M-twice", says="It is 42 m.", value="42", check={"chapter": "00", "quantity": "twice"}
+)
+RESULTS = results(
+    quantity("twice", 42.25, interval=(41.5, 43.0), interval_kind="rounding"),
+    quantity("share", 0.25),
+    quantity("loss", -3.5),
     sentences={"It holds.": True, "It does not.": False},
-)  # fmt: skip
+)
 FOUND = Findings([RESULTS], [Judged(CLAIM, Verdict.ADDS_UP, "It lies within.")])
 
 # Placeholders ------------------------------------------------------------------------------------

@@ -30,12 +30,13 @@ from inswsn_book.runs import (
     run,
     run_all,
 )
+from made_results import results
 
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.files import DATA_VARIABLE
 
 PLAIN = Request("00")
-EMPTY = Results(chapter="00", parameters={}, data={}, quantities=())
+EMPTY = results()
 
 # The key -----------------------------------------------------------------------------------------
 
@@ -162,7 +163,7 @@ def test_the_machine_of_a_reader_is_a_part_of_the_key(
 
 
 def test_an_entry_holds_while_its_data_are_unchanged(mini: MiniProject) -> None:
-    read = EMPTY.model_copy(update={"data": {"data/papers/number.txt": file_digest(mini.number)}})
+    read = results(data={"data/papers/number.txt": file_digest(mini.number)})
     kept = Run(PLAIN, read, "{}\n", {"note.csv": "a\r\nb\n"})
     with pytest.raises(InswsnError, match="Chapter 00 has not been built as it is now"):
         book_runs(mini)

@@ -10,13 +10,13 @@ import pytest
 from conftest import MiniProject, files_of, run_command
 from inswsn_book import site
 from inswsn_book.files import seal_folder
-from inswsn_book.results import Results
 from inswsn_book.runs import Request, Run
 from inswsn_book.site import require_current_site
+from made_results import results
 
 from inswsn_lib.errors import InswsnError
 
-BARE = Results(chapter="00", parameters={}, data={}, quantities=())
+BARE = results()
 
 
 @pytest.mark.parametrize(
@@ -38,9 +38,7 @@ def test_a_site_is_out_of_date_once_a_source_differs(mini: MiniProject, path: st
     seal_folder(mini.site)
     assert current(one)
     assert not current(replace(one, notebook="{ }"))
-    assert not current(
-        replace(one, results=BARE.model_copy(update={"solvers": {"CLARABEL": "optimal"}}))
-    )
+    assert not current(replace(one, results=results(solvers={"CLARABEL": "optimal"})))
     (mini.root / path).write_text((mini.root / path).read_text() + "\n")
     assert not current(one)
 
