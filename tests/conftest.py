@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 settings.register_profile("inswsn", derandomize=True, deadline=None)
 settings.load_profile("inswsn")
 
+Render = Callable[..., str]
 ROOT = Path(__file__).resolve().parents[1]
 WHOLE = os.environ.get("INSWSN_TESTS") == "whole"
 
@@ -114,7 +115,7 @@ def findings(known: dict[str, Any]) -> Findings:
 
 
 @pytest.fixture(scope="session")
-def render(project: Project, known: dict[str, Any]) -> Callable[..., str]:
+def render(project: Project, known: dict[str, Any]) -> Render:
     """Render a page, such as ``"errata"``, with parts of what it is given replaced."""
     from inswsn_book.pages import environment
 
@@ -168,6 +169,7 @@ def as_in_a_terminal() -> Iterator[None]:
 
 
 Done = subprocess.CompletedProcess[str]
+Command = Callable[..., Done]
 
 
 def run_command(
@@ -197,7 +199,7 @@ def unprivileged() -> list[str]:
 @pytest.fixture
 def inswsn(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> Iterator[Callable[..., Done]]:
+) -> Iterator[Command]:
     """Run ``inswsn``, or another command, on a checkout in this process: a second less each."""
     from inswsn_book.cli import cli, run_command as run_here
 

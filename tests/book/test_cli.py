@@ -6,12 +6,11 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import click
 import pytest
-from conftest import Done, MiniProject, files_of, run_command
+from conftest import Command, MiniProject, files_of, run_command
 from inswsn_book.cli import cli
 from made_results import results
 
@@ -104,9 +103,7 @@ def checkout(mini: MiniProject) -> MiniProject:
     return mini
 
 
-def test_a_mistake_is_one_sentence_and_nothing_runs(
-    checkout: MiniProject, inswsn: Callable[..., Done]
-) -> None:
+def test_a_mistake_is_one_sentence_and_nothing_runs(checkout: MiniProject, inswsn: Command) -> None:
     before = files_of(checkout.root)
     for words, said in MISTAKES.items():
         done = inswsn(checkout.root, *words.split())
@@ -148,7 +145,7 @@ def test_a_checkout_is_found_and_has_no_library_of_its_own(
 )  # fmt: skip
 def test_how_a_command_ends(
     mini: MiniProject,
-    inswsn: Callable[..., Done],
+    inswsn: Command,
     monkeypatch: pytest.MonkeyPatch,
     error: BaseException,
     status: int,
@@ -162,7 +159,7 @@ def test_how_a_command_ends(
     assert (done.returncode, done.stdout, done.stderr.strip()) == (status, "", f"inswsn: {said}")
 
 
-def test_chapters_lists_their_parameters(mini: MiniProject, inswsn: Callable[..., Done]) -> None:
+def test_chapters_lists_their_parameters(mini: MiniProject, inswsn: Command) -> None:
     assert inswsn(mini.root, "chapters").stdout.splitlines() == [
         "00-mini", "    scale = 2.0; a number in (0, 100]",
         "        What the number is multiplied by.",

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import made_results
 import pytest
-from conftest import Done, MiniProject, files_of
+from conftest import Command, MiniProject, files_of
 from inswsn_book.compare import (
     Change,
     changes_to_publish,
@@ -174,7 +173,7 @@ def build(mini: MiniProject, made: Results) -> None:
     keep(mini, Request("00"), Run(Request("00"), made, "{}\n"))
 
 
-def test_only_publish_changes_the_reference(mini: MiniProject, inswsn: Callable[..., Done]) -> None:
+def test_only_publish_changes_the_reference(mini: MiniProject, inswsn: Command) -> None:
     reference = mini.published / "00.json"
     build(mini, results(x=1.0))
     assert inswsn(mini.root, "publish", "--check").stdout == "! 00 x: absent -> 1 m\n"

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from conftest import Done, MiniProject
+from conftest import Command, MiniProject
 from hypothesis import given, strategies as st
 from inswsn_book.files import write_listed
 from inswsn_book.judging import Release, judge, judge_claims, read_verdicts
@@ -23,7 +22,7 @@ CONTRADICTED = "contradicted by the paper itself"
 
 
 @pytest.fixture
-def listed(project: Project, inswsn: Callable[..., Done]) -> list[dict]:
+def listed(project: Project, inswsn: Command) -> list[dict]:
     """The claims as JSON; a fresh clone needs no build."""
     return json.loads(inswsn(project.root, "claims", "--json").stdout)
 
@@ -36,7 +35,7 @@ def test_a_claim_with_its_verdict(listed: list[dict]) -> None:
     assert row["cell"].startswith("print")
 
 
-def test_claims_are_selected_and_counted(project: Project, inswsn: Callable[..., Done]) -> None:
+def test_claims_are_selected_and_counted(project: Project, inswsn: Command) -> None:
     words = ("--paper", "P1", "--verdict", CONTRADICTED, "--kind", "numeric")
     lines = inswsn(project.root, "claims", *words).stdout.splitlines()
     # seven means of Table 1, three and four percentages; none rests on an assumption
@@ -89,7 +88,7 @@ def test_the_verdicts_of_a_release_are_of_claims_that_there_are(listed: list[dic
 
 
 def test_verdicts_are_compared_with_those_of_another_version(
-    project: Project, inswsn: Callable[..., Done], listed: list[dict], tmp_path: Path
+    project: Project, inswsn: Command, listed: list[dict], tmp_path: Path
 ) -> None:
     before = tmp_path / "verdicts.json"
     before.write_text(json.dumps(listed))

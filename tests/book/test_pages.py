@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import nbformat
 import pytest
-from conftest import MiniProject
+from conftest import MiniProject, Render
 from inswsn_book.ledger import MissingCheck
 from inswsn_book.pages import (
     context,
@@ -51,9 +50,7 @@ def rows(text: str, name: str) -> dict[str, list[str]]:
 # Templates ---------------------------------------------------------------------------------------
 
 
-def test_the_counts_of_the_front_page_add_up(
-    render: Callable[..., str], known: dict[str, Any]
-) -> None:
+def test_the_counts_of_the_front_page_add_up(render: Render, known: dict[str, Any]) -> None:
     ((total, outcomes),) = re.findall(r"Of (\d+) claims (.*) \(\{doc\}", render("index"))
     assert int(total) == len(known["judged"])
     counts = [int(count) for count in re.findall(r"\*\*(\d+)\*\* ", outcomes)]
@@ -75,7 +72,7 @@ def test_the_heads_of_chapters(mini: MiniProject, known: dict[str, Any]) -> None
         assert (found["need"], found["minutes"], found["results"]) == (*said, None)
 
 
-def test_the_page_of_many_claims(render: Callable[..., str]) -> None:
+def test_the_page_of_many_claims(render: Render) -> None:
     kinds = ("numeric", "parameter", "qualitative", "formula")
     claims = [
         claim(
@@ -96,7 +93,7 @@ def test_the_page_of_many_claims(render: Callable[..., str]) -> None:
     assert set(re.findall(r"body:has\(#(\S+):checked\)", text)) == names
 
 
-def test_the_state_of_the_build_adds_up(render: Callable[..., str], known: dict[str, Any]) -> None:
+def test_the_state_of_the_build_adds_up(render: Render, known: dict[str, Any]) -> None:
     page = render("cite")
     runs, judged = rows(page, "tbl-runs"), rows(page, "tbl-verdicts")
     assert len(runs) == 2 + len(known["chapters"])
@@ -110,9 +107,7 @@ def test_the_state_of_the_build_adds_up(render: Callable[..., str], known: dict[
     assert judged["all"][-1] == str(len(known["judged"]))
 
 
-def test_a_persons_name_is_no_group_in_bibtex(
-    render: Callable[..., str], known: dict[str, Any]
-) -> None:
+def test_a_persons_name_is_no_group_in_bibtex(render: Render, known: dict[str, Any]) -> None:
     authors = ("van Berg, Ana", "Rovers and Co")
     about = known["about"] | {"names": authors, "doi": "10.5281/zenodo.1", "version": "1.2.3"}
     page = render("cite", about=about)

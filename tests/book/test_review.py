@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from conftest import Render
 from hypothesis import given, strategies as st
 from inswsn_book.ledger import MissingCheck, QuantityCheck
 from inswsn_book.review import (
@@ -190,7 +190,7 @@ def test_every_text_with_a_number_is_looked_at(
 
 
 def test_a_page_of_another_run_says_what_no_longer_holds(
-    errata: Errata, readings: Readings, render: Callable[..., str]
+    errata: Errata, readings: Readings, render: Render
 ) -> None:
     wrong = Bound(chapter="printed-numbers", quantity="period.area1", at_least=0.9)
     first = errata.errata[0].model_copy(update={"evidence": (wrong,)})
@@ -203,7 +203,7 @@ def test_a_page_of_another_run_says_what_no_longer_holds(
 
 
 def test_every_claim_hangs_on_a_question_or_is_listed(
-    readings: Readings, findings: Findings, render: Callable[..., str]
+    readings: Readings, findings: Findings, render: Render
 ) -> None:
     named = {e.claim.id for question in readings.questions for e in question.hanging(findings)}
     rest = render("readings").split("(readings-remaining)=")[1]

@@ -14,7 +14,7 @@ from pathlib import Path
 import psutil
 import pytest
 from conftest import (
-    Done,
+    Command,
     MiniProject,
     assert_plain,
     build_once,
@@ -33,8 +33,6 @@ from inswsn_book.running import gather_parameters
 from inswsn_book.site import RenderingError
 
 from inswsn_lib.errors import InswsnError
-
-Command = Callable[..., Done]
 
 # The parameters of a run -------------------------------------------------------------------------
 

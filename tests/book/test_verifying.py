@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import shutil
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from conftest import Done, MiniProject, files_of
+from conftest import Command, MiniProject, files_of
 from inswsn_book.archive import write_archive
 from inswsn_book.files import seal_folder
 from inswsn_book.progress import Quiet
@@ -36,7 +35,7 @@ def differing(folder: Path) -> list[str]:
     return [line for _, lines in verify(folder, [], Quiet()) for line in lines]
 
 
-def test_what_is_in_order(built: MiniProject, archive: Path, inswsn: Callable[..., Done]) -> None:
+def test_what_is_in_order(built: MiniProject, archive: Path, inswsn: Command) -> None:
     before = files_of(built.site)
     done = inswsn(built.root, "verify")
     assert (done.returncode, done.stderr) == (0, "")
@@ -53,7 +52,7 @@ def test_what_is_in_order(built: MiniProject, archive: Path, inswsn: Callable[..
     assert "PATH must be a checkout or a folder with SHA256SUMS, not " in done.stderr
 
 
-def test_a_chapter_is_executed_anew(built: MiniProject, inswsn: Callable[..., Done]) -> None:
+def test_a_chapter_is_executed_anew(built: MiniProject, inswsn: Command) -> None:
     store = {path: path.read_bytes() for path in built.store.rglob("*") if path.is_file()}
     done = inswsn(built.root, "verify", "--execute", "00")
     assert "executing 5 cells" in done.stderr

@@ -6,11 +6,11 @@ import datetime
 import json
 import os
 import random
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import Render
 from crossed import (
     CROSSED_FILE,
     FIGURE,
@@ -154,7 +154,7 @@ def test_it_is_of_these_factors_and_large_enough(
 
 
 def test_its_page_names_the_conclusions_that_turn_at_most_points(
-    project: Project, stored: Crossed, render: Callable[..., str]
+    project: Project, stored: Crossed, render: Render
 ) -> None:
     section = render("assumptions").split("\n## Crossed\n")[1]
     said = section.split("the conclusion is the other one for: ")[1].split(". Near")[0]

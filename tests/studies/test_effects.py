@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 
 import pytest
+from conftest import Render
 from effects import (
     Effect,
     band_of,
@@ -126,7 +126,7 @@ def test_the_rows_of_a_small_study() -> None:
 
 
 @pytest.fixture
-def page(render: Callable[..., str]) -> Callable[..., str]:
+def page(render: Render) -> Render:
     """The page of assumptions of a small study."""
 
     def shown(*runs: Run) -> str:
@@ -141,7 +141,7 @@ def page(render: Callable[..., str]) -> Callable[..., str]:
     return shown
 
 
-def test_the_page_of_a_small_study(page: Callable[..., str]) -> None:
+def test_the_page_of_a_small_study(page: Render) -> None:
     text = page(*UNCHANGED, FLIPPED, FAILED)
     table = text.split("{list-table} Chapter 00")[1].split(":::::")[0]
     assert "- **+50 %** ⇄\n  - **+25 %**\n" in table, "the second is beyond chance, too"

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import MiniProject
+from conftest import MiniProject, Render
 from elsewhere import (
     AGAIN,
     ELSEWHERE,
@@ -230,7 +229,7 @@ def test_a_design_is_asked_of_scs(
 
 
 @pytest.fixture
-def page(render: Callable[..., str]) -> Callable[..., str]:
+def page(render: Render) -> Render:
     """The page of a small study."""
 
     def shown(*cells: Cell, changed: tuple[str, ...] = ()) -> str:
@@ -246,7 +245,7 @@ def rows_of(page: str, name: str) -> list[list[str]]:
     return [[part.strip() for part in row.split("\n  - ")] for row in table.split("* - ")[2:]]
 
 
-def test_all_that_moved_is_told(page: Callable[..., str], known: dict[str, Any]) -> None:
+def test_all_that_moved_is_told(page: Render, known: dict[str, Any]) -> None:
     number = "printed-numbers"
     far = Moved(
         name="a", unit="m", before=1.0, after=2.5, part="value", tolerance=0.5, deviation=3.0
@@ -300,7 +299,7 @@ def test_the_stored_runs_were_made_as_asked(stored: tuple[Cell, ...]) -> None:
 
 
 def test_nothing_is_beyond_its_tolerance_without_being_said_to_be(
-    stored: tuple[Cell, ...], render: Callable[..., str]
+    stored: tuple[Cell, ...], render: Render
 ) -> None:
     """Each deviation by its own numbers, and on the page by its name."""
     told = re.split(r"\n##", render("reproduce").split("## Beyond the tolerance")[1])[0]

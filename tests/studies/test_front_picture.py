@@ -5,11 +5,11 @@ from __future__ import annotations
 import csv
 import json
 import re
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
 import pytest
+from conftest import Render
 from front_picture import DATA, PICTURE, Contest, contests, front_svg
 from inswsn_book.review import Findings
 
@@ -76,7 +76,7 @@ def test_what_is_kept_is_of_the_reference(root: Path, drawn: list[Contest]) -> N
 
 
 def test_the_picture_is_the_same_each_time_and_its_text_says_its_numbers(
-    render: Callable[..., str],
+    render: Render,
 ) -> None:
     drawn = [Contest("A over B,\nposition", 0.1, 1.25), Contest("C over D", None, 2.0, 3.0)]
     assert front_svg(drawn) == front_svg(drawn)
