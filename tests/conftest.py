@@ -13,6 +13,7 @@ import sys
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache, partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from inswsn_book.results import Results
     from inswsn_book.review import Findings
     from playwright.sync_api import Browser
+    from visiting import Visit
 
 # the same examples in every run, and no limit of time that a busy machine could miss
 settings.register_profile("inswsn", derandomize=True, deadline=None)
@@ -493,6 +495,17 @@ def files_of(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
+def same(here: Any, there: Any) -> bool:
+    """Whether two contents differ by no more than rounding: compiled loops round otherwise."""
+    if isinstance(here, dict):
+        return here.keys() == there.keys() and all(same(here[k], there[k]) for k in here)
+    if isinstance(here, list):
+        return len(here) == len(there) and all(map(same, here, there))
+    if isinstance(here, float | int) and not isinstance(here, bool):
+        return abs(here - there) <= 1e-3 * (1 + abs(there))
+    return bool(here == there)
+
+
 # A browser ---------------------------------------------------------------------------------------
 
 
@@ -538,19 +551,36 @@ def browser(chromium: str) -> Iterator[Browser]:
         browser.close()
 
 
-class _Quiet(SimpleHTTPRequestHandler):
+class QuietHandler(SimpleHTTPRequestHandler):
+    """Says nothing for each file."""
+
     def log_message(self, *_: object) -> None:
-        """Say nothing for each file."""
+        pass
+
+
+@contextmanager
+def serving(folder: Path, handler: type[QuietHandler] = QuietHandler) -> Iterator[str]:
+    """Serve a folder; give its address."""
+    with ThreadingHTTPServer(("127.0.0.1", 0), partial(handler, directory=str(folder))) as server:
+        threading.Thread(target=server.serve_forever, args=[0.01], daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_address[1]}/"
+        server.shutdown()
 
 
 @pytest.fixture(scope="session")
 def served(built_site: Path) -> Iterator[str]:
     """The address at which the built book is served."""
-    handler = partial(_Quiet, directory=str(built_site))
-    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{server.server_address[1]}/"
-        server.shutdown()
+    with serving(built_site) as address:
+        yield address
+
+
+@pytest.fixture
+def open_page(browser: Browser, served: str) -> Iterator[Callable[..., Visit]]:
+    """Open pages of the built book, which are closed when the test ends."""
+    from visiting import opening
+
+    with opening(browser, served) as opened:
+        yield opened
 
 
 # What a cell shows -------------------------------------------------------------------------------

@@ -12,18 +12,17 @@ import os
 import subprocess
 import sys
 import tarfile
-import threading
 import zipfile
 from collections.abc import Callable, Iterator
-from functools import partial
+from contextlib import ExitStack
 from hashlib import sha256
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 import wasm
+from conftest import serving
 from wasm_fetch import LiveError, UnreachableError, checked, download, locked, sha256 as as_npm
 from wasm_module import Module, misfits, read
 from wasm_numpy import compare
@@ -47,26 +46,11 @@ NUMPY = {
 NEEDED = {name for name, text in NUMPY.items() if text != "no page needs it"}
 
 
-class Quiet(SimpleHTTPRequestHandler):
-    def log_message(self, *_: object) -> None:
-        """Say nothing for each file."""
-
-
 @pytest.fixture
 def serve() -> Iterator[Callable[[Path], str]]:
     """Serve folders; return their addresses."""
-    servers = []
-
-    def served(folder: Path) -> str:
-        server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(folder)))
-        servers.append(server)
-        threading.Thread(target=server.serve_forever, args=[0.01], daemon=True).start()
-        return f"http://127.0.0.1:{server.server_address[1]}/"
-
-    yield served
-    for server in servers:
-        server.shutdown()
-        server.server_close()
+    with ExitStack() as servers:
+        yield lambda folder: servers.enter_context(serving(folder))
 
 
 class Network:

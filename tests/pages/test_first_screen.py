@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from conftest import weekly_but
 from playwright.sync_api import Browser
-from visiting import CHAPTER_00, PAGES, settled, unfold, visit
+from visiting import CHAPTER_00, PAGES, Open, settled, unfold
 
 pytestmark = pytest.mark.page
 CHAPTERS = [name for name in PAGES if name.startswith("chapters/")]
@@ -40,16 +40,15 @@ def test_a_lesson_loads_at_most_that_much(browser: Browser, served: str, name: s
 
 @pytest.mark.parametrize("name", weekly_but({*LESSONS, CHAPTER_00}, CHAPTERS))
 def test_code_fits_on_a_desktop_and_shows_that_it_scrolls_on_a_phone(
-    browser: Browser, served: str, name: str
+    open_page: Open, name: str
 ) -> None:
-    page = visit(browser, served, name, viewport=DESKTOP).page
+    page = open_page(name, viewport=DESKTOP).page
     unfold(page)
     page.evaluate("for (const box of document.querySelectorAll('details')) box.open = true")
     assert [said for said, is_seen in cut(page) if said.startswith("pre") or not is_seen] == []
     page.set_viewport_size(PHONE)
     page.wait_for_function("document.documentElement.dataset.measured === '360'")
     assert [said for said, is_seen in cut(page) if not is_seen] == []
-    page.close()
 
 
 def cut(page: Any) -> list[tuple[str, bool]]:

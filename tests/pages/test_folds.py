@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import pytest
-from playwright.sync_api import Browser, expect
-from visiting import CHAPTER_00, visit
+from playwright.sync_api import expect
+from visiting import CHAPTER_00, Open
 
 pytestmark = pytest.mark.page
 
 
-def test_a_link_into_a_folded_section_opens_it_and_the_others_stay(
-    browser: Browser, served: str
-) -> None:
+def test_a_link_into_a_folded_section_opens_it_and_the_others_stay(open_page: Open) -> None:
     for place in ("fig-printed-numbers-drift", "printed-numbers-period"):
-        page = visit(browser, served, f"{CHAPTER_00}#{place}").page
+        page = open_page(f"{CHAPTER_00}#{place}").page
         page.locator("#fig-printed-numbers-drift").wait_for(state="visible")
         assert page.locator("details.fold[open]").count() == 1
-        page.close()
 
 
-def test_all_is_folded_at_first_but_what_it_found(browser: Browser, served: str) -> None:
-    page = visit(browser, served, CHAPTER_00).page
+def test_all_is_folded_at_first_but_what_it_found(open_page: Open) -> None:
+    page = open_page(CHAPTER_00).page
     folds = page.locator("details.fold")
     assert folds.count() >= 10
     assert page.locator("details.fold[open]").count() == 0
@@ -29,15 +26,13 @@ def test_all_is_folded_at_first_but_what_it_found(browser: Browser, served: str)
     assert page.locator("details.fold[open]").count() == folds.count()
     page.get_by_role("button", name="Fold all").click()
     assert page.locator("details.fold[open]").count() == 0
-    page.close()
 
 
-def test_a_heading_of_a_folded_section_is_still_one(browser: Browser, served: str) -> None:
+def test_a_heading_of_a_folded_section_is_still_one(open_page: Open) -> None:
     """By the keyboard, too: the tab reaches it and Enter opens it."""
-    page = visit(browser, served, CHAPTER_00).page
+    page = open_page(CHAPTER_00).page
     summary = page.locator("details.fold > summary").first
     assert summary.locator("h2").count() == 1
     summary.focus()
     page.keyboard.press("Enter")
     expect(page.locator("details.fold").first).to_have_attribute("open", "")
-    page.close()

@@ -6,16 +6,15 @@ import re
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser
-from visiting import PAGES, boxes, settled, visit
+from visiting import PAGES, Open, boxes, settled
 
 pytestmark = pytest.mark.page
 FILTERS = ("which-kalman", "which-lasting", "which-worst")
 
 
-def test_the_first_screen_says_what_the_book_is(browser: Browser, served: str) -> None:
+def test_the_first_screen_says_what_the_book_is(open_page: Open) -> None:
     """In 120 words at most, beside the picture, each result by name; the slider comes second."""
-    page = visit(browser, served, "index.html", viewport={"width": 1440, "height": 900}).page
+    page = open_page("index.html", viewport={"width": 1440, "height": 900}).page
     settled(page)
     first = page.locator(".front-first")
     assert len(first.inner_text().split()) <= 120
@@ -27,31 +26,26 @@ def test_the_first_screen_says_what_the_book_is(browser: Browser, served: str) -
     assert max(text["bottom"], picture["bottom"]) < 900
     (slider,) = boxes(page.locator("section.moving input[type=range]"))
     assert slider["top"] > max(text["bottom"], picture["bottom"])
-    page.close()
 
 
-def test_the_figure_of_the_front_page_moves(browser: Browser, served: str) -> None:
-    page = visit(browser, served, "index.html", viewport={"width": 1440, "height": 900}).page
+def test_the_figure_of_the_front_page_moves(open_page: Open) -> None:
+    page = open_page("index.html", viewport={"width": 1440, "height": 900}).page
     slider = page.locator("section.moving input[type=range]")
     chart = page.locator("section.moving svg[role=img]").first
     before, said = chart.inner_html(), page.locator("section.moving dd").all_inner_texts()
     slider.press("End")
     assert chart.inner_html() != before
     assert page.locator("section.moving dd").all_inner_texts() != said
-    page.close()
 
 
-def test_an_engineer_has_code_for_each_of_three_filters_in_two_clicks(
-    browser: Browser, served: str
-) -> None:
+def test_an_engineer_has_code_for_each_of_three_filters_in_two_clicks(open_page: Open) -> None:
     for place in FILTERS:
-        page = visit(browser, served, "index.html").page
+        page = open_page("index.html").page
         page.locator("article").get_by_role("link", name="Which filter?").first.click()
         section = page.locator(f"section:has(> #{place}), section#{place}").first
         code = section.locator(".highlight-python, .highlight-ipython3").first
         code.scroll_into_view_if_needed()
         assert "import inswsn_lib as iw" in code.inner_text()
-        page.close()
 
 
 def test_which_filter_is_two_clicks_from_anywhere(built_site: Path) -> None:

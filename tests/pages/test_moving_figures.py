@@ -13,7 +13,7 @@ import pytest
 from conftest import ROOT, weekly_but
 from inswsn_book.moving import Moving, Slider
 from playwright.sync_api import Browser, CDPSession, Locator, Page
-from visiting import PAGES, Visit, boxes, settled, visit
+from visiting import PAGES, Visit, boxes, opening, settled
 
 from inswsn_lib.filters import run_hinfinity, run_kalman
 from inswsn_lib.learning import LSSVMRegressor
@@ -56,17 +56,16 @@ Lesson = Callable[..., Page]
 @pytest.fixture(scope="module")
 def opened(browser: Browser, served: str) -> Iterator[Callable[[str], Page]]:
     """Open a lesson, once for all tests."""
-    seen: dict[str, Visit] = {}
+    with opening(browser, served) as open_page:
+        seen: dict[str, Visit] = {}
 
-    def page_of(name: str) -> Page:
-        if name not in seen:
-            seen[name] = visit(browser, served, name, viewport=DESKTOP)
-        return seen[name].page
+        def page_of(name: str) -> Page:
+            if name not in seen:
+                seen[name] = open_page(name, viewport=DESKTOP)
+            return seen[name].page
 
-    yield page_of
-    for found in seen.values():
-        assert found.wrong == []
-        found.page.close()
+        yield page_of
+        assert {name: found.wrong for name, found in seen.items() if found.wrong} == {}
 
 
 @pytest.fixture

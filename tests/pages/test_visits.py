@@ -3,24 +3,13 @@
 from __future__ import annotations
 
 import pytest
-from conftest import WHOLE, weekly_but
+from conftest import WHOLE
 from inswsn_book.judging import judge_claims
 from inswsn_book.project import Project
 from playwright.sync_api import Browser
-from visiting import CHAPTER_00, LESSON, PAGES, it_is_whole, settled, unfold, visit
+from visiting import CHAPTER_00, Open, unfold
 
 pytestmark = pytest.mark.page
-
-
-@pytest.mark.parametrize("name", weekly_but({"index.html", LESSON}, PAGES))
-def test_a_page_that_is_opened_dark_and_narrow(browser: Browser, served: str, name: str) -> None:
-    size = {"width": 360, "height": 740}
-    seen = visit(browser, served, name, color_scheme="dark", viewport=size)
-    it_is_whole(seen, name)
-    assert seen.page.evaluate("document.documentElement.dataset.theme") == "dark"
-    settled(seen.page)
-    assert seen.page.evaluate("document.documentElement.scrollWidth") <= 360, name
-    seen.page.close()
 
 
 def test_claims_are_filtered_without_scripts(
@@ -77,8 +66,8 @@ def test_a_claim_and_its_cell_lead_to_each_other(
     page.close()
 
 
-def test_a_chapter_shows_its_figures_tables_and_numbers(browser: Browser, served: str) -> None:
-    page = visit(browser, served, CHAPTER_00).page
+def test_a_chapter_shows_its_figures_tables_and_numbers(open_page: Open) -> None:
+    page = open_page(CHAPTER_00).page
     captions = page.locator("figcaption .caption-number").all_text_contents()
     assert [int(text.removeprefix("Fig.")) for text in captions] == [1, 2, 3, 4]  # in the page
     assert page.locator("table caption .caption-number").count() == 9
@@ -87,4 +76,3 @@ def test_a_chapter_shows_its_figures_tables_and_numbers(browser: Browser, served
     text = page.locator("main").inner_text()
     assert "1,108,800" in text
     assert not any(word in text for word in ("glue", "Quantity(", "<Verdict"))
-    page.close()

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import re
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -87,6 +89,10 @@ class Visit:
         return self.errors + self.foreign + self.failed
 
 
+#: What the fixture ``open_page`` gives
+Open = Callable[..., Visit]
+
+
 def visit(browser: Browser, served: str, name: str, **options: Any) -> Visit:
     """Open a page, wait for its mathematics, and note what goes wrong on the way."""
     page = browser.new_page(**({"viewport": {"width": 1300, "height": 900}} | options))
@@ -118,6 +124,20 @@ def visit(browser: Browser, served: str, name: str, **options: Any) -> Visit:
         assert time.monotonic() < end, f"{name} waits for {left}"
         page.wait_for_timeout(20)
     return seen
+
+
+@contextmanager
+def opening(browser: Browser, served: str) -> Iterator[Open]:
+    """Give what opens pages; they are closed at the end."""
+    seen: list[Visit] = []
+
+    def opened(name: str, **options: Any) -> Visit:
+        seen.append(visit(browser, served, name, **options))
+        return seen[-1]
+
+    yield opened
+    for each in seen:
+        each.page.close()
 
 
 def settled(page: Page) -> Page:
