@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from click import Command
     from inswsn_book.results import Results
     from inswsn_book.review import Findings
+    from inswsn_book.verdicts import Judged
     from playwright.sync_api import Browser
     from visiting import Visit
 
@@ -99,6 +100,24 @@ def published(project: Project) -> dict[str, Results]:
     from inswsn_book.results import read_results
 
     return {path.stem: read_results(path) for path in sorted(project.published.glob("*.json"))}
+
+
+@pytest.fixture(scope="module")
+def results(request: pytest.FixtureRequest, built_site: Path, project: Project) -> Results:
+    """What the CHAPTER of a module of tests has found, as it is built."""
+    from inswsn_book.results import read_results
+
+    return read_results(project.results / f"{request.module.CHAPTER}.json")
+
+
+@pytest.fixture(scope="module")
+def judged(results: Results, project: Project) -> dict[str, Judged]:
+    """Its claims, by their ids, judged by that."""
+    from inswsn_book.ledger import LEDGER, claims_of, load_claims
+    from inswsn_book.verdicts import verdicts
+
+    own = claims_of(load_claims(project.root / LEDGER), results.chapter)
+    return {entry.claim.id: entry for entry in verdicts(own, [results])}
 
 
 @pytest.fixture(scope="session")

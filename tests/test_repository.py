@@ -67,18 +67,6 @@ def test_no_page_has_what_changes_from_run_to_run(project: Project, built_site: 
                 assert not re.search(r"\bat 0x[0-9a-f]{6,}", words), cell["id"]
 
 
-def test_no_page_tells_of_reviews(root: Path) -> None:
-    """What was changed after one stands in CHANGELOG.md."""
-    shown = [*root.glob("chapters/**/*.md"), *root.glob("book/*.md"), *root.glob("data/*.yaml")]
-    told = [
-        f"{path.relative_to(root)}: {line.strip()[:80]}"
-        for path in (*shown, *root.glob("data/claims/*.yaml"))
-        for line in path.read_text(encoding="utf-8").splitlines()
-        if re.search(r"\breview(s|er|ers|ed)?\b", line) and not line.startswith("#")
-    ]
-    assert told == []
-
-
 def test_the_tests_compute_with_one_thread_a_process() -> None:
     """The library is imported, and with it numpy and scipy."""
     assert {entry["num_threads"] for entry in threadpool_info()} == {1}

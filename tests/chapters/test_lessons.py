@@ -124,13 +124,6 @@ def test_lines_of_code_hold_to_72_columns(path: Path) -> None:
 
 
 @lessons
-def test_no_cell_says_what_only_a_record_is_for(
-    number: str, built_site: Path, project: Project
-) -> None:
-    assert "Quantity(" not in str(executed(project, LESSONS[number]).notebook)
-
-
-@lessons
 def test_its_tables_are_few_and_small(number: str) -> None:
     text = markdown(LESSONS[number])
     tables = [t[0] for t in _FENCE.finditer(text) if t[2] == "list-table"]

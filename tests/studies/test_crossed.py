@@ -15,7 +15,6 @@ from crossed import (
     CROSSED_FILE,
     FIGURE,
     OTHERS,
-    STRONGEST,
     Crossed,
     Lab,
     column,
@@ -92,11 +91,6 @@ def test_a_result_that_nothing_moves_has_no_shares_and_a_missing_one_is_the_medi
     assert filled(np.array([1.0, np.nan, 2.0, 9.0])).tolist() == [1.0, 2.0, 2.0, 9.0]
 
 
-def test_the_strongest_are_the_first() -> None:
-    strengths = {f"f{i}": float(i) for i in range(STRONGEST + 3)}
-    assert strongest_of(strengths) == tuple(f"f{i}" for i in range(STRONGEST + 2, 2, -1))
-
-
 def test_a_distribution_tells_on_which_side_it_lies(project: Project) -> None:
     headline = load_assumptions(project.root).headline("p1-training", "headline.kf-share")
     found = spread_of(headline, np.array([50.0, 80.0, 90.0, 120.0, np.nan]), 60.0, 40.0)
@@ -166,17 +160,9 @@ def test_its_page_names_the_conclusions_that_turn_at_most_points(
             continue
         share = below if spread.published > turns else 1 - below
         if share > 0.5:
-            turned.append(
-                f"chapter {name.split()[0]}, {headlines[name].short} ({100 * share:.0f} %)"
-            )
+            short = headlines[name].short
+            turned.append(f"chapter {name.split()[0]}, {short} ({100 * share:.0f} %)")
     assert said.replace("\N{NO-BREAK SPACE}", " ") == "; ".join(turned)
-
-
-def test_it_is_as_chapter_03_says(stored: Crossed) -> None:
-    """At most points the coasting filter has less error than the LS-SVM on the motion."""
-    ratio = stored.spreads["p1-outages fair.ls-svm.motion/fair.kalman-filter-coasting.state"]
-    assert ratio.below is not None
-    assert ratio.below < 0.5
 
 
 @pytest.mark.long

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import re
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import made_results
 import pytest
 from conftest import MiniProject, Render
 from elsewhere import (
@@ -31,15 +33,12 @@ from inswsn_book.files import file_digest
 from inswsn_book.progress import Quiet
 from inswsn_book.project import Project
 from inswsn_book.provenance import available_cores
-from inswsn_book.results import Provenance, Quantity, Results, write_results
+from inswsn_book.results import Provenance, Results, write_results
 from inswsn_book.runs import ChapterError, run, run_all
 
 from inswsn_lib.errors import InswsnError
 
-BASE: dict[str, Any] = {
-    "name": "a", "value": 1.0, "unit": "m", "basis": "simulation", "tolerance": 0.5,
-    "how": "By some computation.",
-}  # fmt: skip
+quantity = partial(made_results.quantity, tolerance=0.5)
 INTERVAL = {"interval": (0.5, 2.0), "interval_kind": "confidence 95 %"}
 
 
@@ -75,7 +74,7 @@ def cell(variant: str = AGAIN, chapter: str = "00", **fields: Any) -> Cell:
 def test_a_deviation_is_the_farthest_number_in_tolerances(
     before: dict[str, Any] | None, after: dict[str, Any] | None, part: str, deviation: float | None
 ) -> None:
-    old, new = (None if given is None else Quantity(**BASE | given) for given in (before, after))
+    old, new = (None if given is None else quantity(**given) for given in (before, after))
     change = Change("a", old, new)
     moved = moved_by(change)
     assert (moved.part, moved.deviation) == (part, deviation)
@@ -99,11 +98,8 @@ def test_a_run_is_held_against_the_reference(mini: MiniProject, provenance: Prov
     (chapter,) = mini.chapters()
 
     def results(value: float) -> Results:
-        twice = Quantity(**BASE | {"name": "twice", "value": value})
-        return Results(
-            chapter="00", parameters={}, data={}, quantities=(twice,), provenance=provenance,
-            sentences={"So.": False},
-        )  # fmt: skip
+        twice = quantity("twice", value, basis="simulation")
+        return made_results.results(twice, provenance=provenance, sentences={"So.": False})
 
     def held(value: float, threads: int = 1, blas: tuple[str, ...] = ()) -> Cell:
         mini.publish(results(value))

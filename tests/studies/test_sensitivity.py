@@ -14,8 +14,9 @@ from inswsn_book import runs as engine
 from inswsn_book.assumptions import Assumptions, load_assumptions
 from inswsn_book.progress import Quiet
 from inswsn_book.project import Project
-from inswsn_book.results import Quantity, Results
+from inswsn_book.results import Results
 from inswsn_book.runs import ChapterError, request_key
+from made_results import quantity, results
 from sensitivity import (
     FIGURE,
     Cell,
@@ -98,16 +99,7 @@ def test_what_came_of_a_cell_is_its_headlines_and_verdicts(mini: MiniProject) ->
     """The claim says 42; a headline that is not recorded is left out."""
     for value, verdict in ((42.0, "adds up in print"), (63.0, "contradicted by the paper itself")):
         cell = Cell("P1-M-scale/three", "00", {"scale": value / 21})
-        twice = Quantity(
-            name="twice", value=value, unit="m", how="For a test.", basis="printed", tolerance=0
-        )
-        found = Results(
-            chapter="00",
-            parameters={},
-            data={},
-            quantities=(twice,),
-            sentences={"So.": False},
-        )
+        found = results(quantity("twice", value), sentences={"So.": False})
         request = request_of(mini, cell)
         made = run_of(mini, cell, ASSUMED.headlines, engine.Run(request, found))
         assert (made.failed, made.headlines, made.overturned) == (None, {"twice": value}, 1)
