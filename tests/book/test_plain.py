@@ -1,4 +1,4 @@
-"""Notebooks that read anywhere: each form of MyST in plain Markdown, and the twins in git."""
+"""Chapters as notebooks: read from their sources, kept as they ran, and in plain Markdown."""
 
 from __future__ import annotations
 
@@ -10,10 +10,38 @@ import sys
 import nbformat
 import pytest
 from conftest import MiniProject, assert_plain
-from inswsn_book.notebooks import notebook_text, read_source
+from inswsn_book.notebooks import notebook_text, read_source, strip_run
 from inswsn_book.plain import PlainBook, stale_twins
 from inswsn_book.project import ROOT_VARIABLE, Project
 from made_results import quantity, results
+
+from inswsn_lib.errors import InswsnError
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (":tags: [parameters]", "", "has 0 cells tagged parameters"),
+        ("record.write()", ":tags: [parameters]\n\n1", "has 2 cells tagged parameters"),
+        ("{text_representation", "[", "is not a MyST notebook"),
+    ],
+)
+def test_what_is_no_chapter_is_refused(mini: MiniProject, old: str, new: str, said: str) -> None:
+    mini.source.write_text(mini.source.read_text().replace(old, new))
+    with pytest.raises(InswsnError, match=said):
+        read_source(mini.chapters()[0])
+
+
+def test_a_stripped_run_has_no_time_and_no_path(mini: MiniProject) -> None:
+    notebook = read_source(mini.chapters()[0])
+    notebook.metadata["papermill"] = {"start_time": "now", "input_path": "/somewhere"}
+    cell = next(cell for cell in notebook.cells if cell.cell_type == "code")
+    cell.metadata |= {"papermill": {"duration": 1.0}, "execution": {"iopub.execute_input": "now"}}
+    cell.outputs = [nbformat.v4.new_output("display_data", data={"text/plain": "kept"})]
+    text = json.dumps(strip_run(notebook))
+    words = ("papermill", "now", "/somewhere", "kept")
+    assert [word in text for word in words] == [False, False, False, True]
+
 
 WORDS = {"said": "2 to 4", "fig-x": "What $x$ does."}
 FOUND = results(quantity("whole", 42.0), quantity("part", 2.345), words=WORDS)

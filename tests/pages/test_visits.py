@@ -1,13 +1,142 @@
-"""The built book in a real browser: dark and narrow, its claims, its numbers."""
+"""The built book in a real browser: its front page, lessons, folds, claims and numbers."""
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+from typing import Any
+
 import pytest
-from conftest import WHOLE
+from conftest import WHOLE, weekly_but
 from inswsn_book.judging import judge_claims
 from inswsn_book.project import Project
-from playwright.sync_api import Browser
-from visiting import CHAPTER_00, Open, unfold
+from playwright.sync_api import Browser, expect
+from visiting import CHAPTER_00, PAGES, Open, boxes, settled, unfold
+
+pytestmark = pytest.mark.page
+FILTERS = ("which-kalman", "which-lasting", "which-worst")
+
+
+def test_the_first_screen_says_what_the_book_is(open_page: Open) -> None:
+    """In 120 words at most, beside the picture, each result by name; the slider comes second."""
+    page = open_page("index.html", viewport={"width": 1440, "height": 900}).page
+    settled(page)
+    first = page.locator(".front-first")
+    assert len(first.inner_text().split()) <= 120
+    for name in ("LMI", "Kalman against H-infinity", "LS-SVM", "Federated", "car"):
+        assert name in first.inner_text()
+    assert first.get_by_role("link", name="lesson").count() == 5
+    assert first.get_by_role("link", name="evidence").count() == 5
+    (text,), (picture,) = boxes(first), boxes(page.locator("img[src*='front']"))
+    assert max(text["bottom"], picture["bottom"]) < 900
+    (slider,) = boxes(page.locator("section.moving input[type=range]"))
+    assert slider["top"] > max(text["bottom"], picture["bottom"])
+
+
+def test_the_figure_of_the_front_page_moves(open_page: Open) -> None:
+    page = open_page("index.html", viewport={"width": 1440, "height": 900}).page
+    slider = page.locator("section.moving input[type=range]")
+    chart = page.locator("section.moving svg[role=img]").first
+    before, said = chart.inner_html(), page.locator("section.moving dd").all_inner_texts()
+    slider.press("End")
+    assert chart.inner_html() != before
+    assert page.locator("section.moving dd").all_inner_texts() != said
+
+
+def test_an_engineer_has_code_for_each_of_three_filters_in_two_clicks(open_page: Open) -> None:
+    for place in FILTERS:
+        page = open_page("index.html").page
+        page.locator("article").get_by_role("link", name="Which filter?").first.click()
+        section = page.locator(f"section:has(> #{place}), section#{place}").first
+        code = section.locator(".highlight-python, .highlight-ipython3").first
+        code.scroll_into_view_if_needed()
+        assert "import inswsn_lib as iw" in code.inner_text()
+
+
+def test_which_filter_is_two_clicks_from_anywhere(built_site: Path) -> None:
+    for name in PAGES:
+        page = (built_site / name).read_text(encoding="utf-8")
+        assert re.search(r'<a [^>]*href="[^"]*(which-filter|index)\.html', page), name
+
+
+pytestmark = pytest.mark.page
+CHAPTERS = [name for name in PAGES if name.startswith("chapters/")]
+LESSONS = [name for name in CHAPTERS if "/evidence/" not in name]
+DESKTOP, PHONE = {"width": 1440, "height": 900}, {"width": 360, "height": 740}
+MOST = 1_500_000  # bytes
+
+# all code and formulas that do not fit, and whether a shadow shows it
+CUT = """() => [...document.querySelectorAll(
+    "main :is(pre, mjx-container[display], mjx-container[data-scrolls])")]
+  .filter((box) => box.checkVisibility() && box.scrollWidth > box.clientWidth + 1)
+  .map((box) => [box, getComputedStyle(box)])
+  .map(([box, style]) => [`${box.localName}: ${box.textContent.trim().slice(0, 60)}`,
+    style.overflowX === "auto" && style.backgroundImage.includes("gradient")])"""
+
+
+@pytest.mark.parametrize("name", LESSONS)
+def test_a_lesson_loads_at_most_that_much(browser: Browser, served: str, name: str) -> None:
+    page = browser.new_page(viewport=DESKTOP)
+    session, loaded = page.context.new_cdp_session(page), list[int]()
+    session.send("Network.enable")
+    session.on("Network.loadingFinished", lambda end: loaded.append(end["encodedDataLength"]))
+    page.goto(served + name)
+    page.evaluate("document.fonts.ready.then(() => window.MathJax?.startup?.promise)")
+    page.wait_for_load_state("networkidle")
+    assert page.evaluate("scrollY") == 0
+    assert 100_000 < sum(loaded) <= MOST
+    page.close()
+
+
+@pytest.mark.parametrize("name", weekly_but({*LESSONS, CHAPTER_00}, CHAPTERS))
+def test_code_fits_on_a_desktop_and_shows_that_it_scrolls_on_a_phone(
+    open_page: Open, name: str
+) -> None:
+    page = open_page(name, viewport=DESKTOP).page
+    unfold(page)
+    page.evaluate("for (const box of document.querySelectorAll('details')) box.open = true")
+    assert [said for said, is_seen in cut(page) if said.startswith("pre") or not is_seen] == []
+    page.set_viewport_size(PHONE)
+    page.wait_for_function("document.documentElement.dataset.measured === '360'")
+    assert [said for said, is_seen in cut(page) if not is_seen] == []
+
+
+def cut(page: Any) -> list[tuple[str, bool]]:
+    found: list[tuple[str, bool]] = settled(page).evaluate(CUT)
+    return found
+
+
+pytestmark = pytest.mark.page
+
+
+def test_a_link_into_a_folded_section_opens_it_and_the_others_stay(open_page: Open) -> None:
+    for place in ("fig-printed-numbers-drift", "printed-numbers-period"):
+        page = open_page(f"{CHAPTER_00}#{place}").page
+        page.locator("#fig-printed-numbers-drift").wait_for(state="visible")
+        assert page.locator("details.fold[open]").count() == 1
+
+
+def test_all_is_folded_at_first_but_what_it_found(open_page: Open) -> None:
+    page = open_page(CHAPTER_00).page
+    folds = page.locator("details.fold")
+    assert folds.count() >= 10
+    assert page.locator("details.fold[open]").count() == 0
+    assert page.locator(".bd-article > section > .admonition").first.is_visible()
+    page.get_by_role("button", name="Unfold all").click()
+    assert page.locator("details.fold[open]").count() == folds.count()
+    page.get_by_role("button", name="Fold all").click()
+    assert page.locator("details.fold[open]").count() == 0
+
+
+def test_a_heading_of_a_folded_section_is_still_one(open_page: Open) -> None:
+    """By the keyboard, too: the tab reaches it and Enter opens it."""
+    page = open_page(CHAPTER_00).page
+    summary = page.locator("details.fold > summary").first
+    assert summary.locator("h2").count() == 1
+    summary.focus()
+    page.keyboard.press("Enter")
+    expect(page.locator("details.fold").first).to_have_attribute("open", "")
+
 
 pytestmark = pytest.mark.page
 
