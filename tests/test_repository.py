@@ -52,9 +52,7 @@ def test_no_path_of_a_machine_and_no_registry_host(tracked: dict[str, bytes]) ->
     assert found == []
 
 
-def test_nothing_heavy_and_no_recording_of_others_is_kept(
-    tracked: dict[str, bytes], root: Path
-) -> None:
+def test_nothing_heavy_and_no_recording_is_kept(tracked: dict[str, bytes], root: Path) -> None:
     """A recording is known by the digests of THIRD-PARTY.md, whatever it is called."""
     assert [name for name, content in tracked.items() if len(content) > 400_000] == []
     text = (root / "THIRD-PARTY.md").read_text(encoding="utf-8")

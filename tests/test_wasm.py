@@ -178,9 +178,7 @@ def test_a_build_that_is_stopped_or_too_large_leaves_nothing(
     assert not network.live.exists()
 
 
-def test_a_second_call_finds_what_the_first_has_made_unless_something_changed(
-    network: Network,
-) -> None:
+def test_a_second_call_finds_what_the_first_has_made_unless_changed(network: Network) -> None:
     assert not wasm.is_made(network.live, "digest", None)
     first = network.make("built")["files"]["numpy.zip"]
     assert network.make("built")["files"]["numpy.zip"] == first  # to the bit

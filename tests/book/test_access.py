@@ -1,4 +1,4 @@
-"""What is added to a page for readers who do not see it, off its styles, and looked for in a site."""
+"""What is added to a page for readers who do not see it, off its styles, and looked for in it."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ def archived(released_mini: Path, tmp_path_factory: pytest.TempPathFactory) -> P
     return write_archive(Project(released_mini), tmp_path_factory.mktemp("archive") / "mini.zip")
 
 
-def test_two_archives_of_one_build_are_the_same(
+def test_two_archives_of_a_build_agree(
     released: MiniProject, archived: Path, inswsn: Command
 ) -> None:
     done = inswsn(released.root, command=main)

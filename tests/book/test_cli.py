@@ -70,15 +70,12 @@ MISTAKES = {
     "compare empty.json other.json": "two runs of one chapter can be compared",
     "compare empty.json newer.json": "is not a results file of this version: schema_version",
     "run 00 -p seed=7": "parameter must be one of scale, not 'seed'.",
-    "run 00 -p scale=0": "scale must be a number in (0, 100], not 0.0.",
-    "run 00 -p scale=inf": "scale must be a number in (0, 100], not 'inf'.",
     "run 00 -p scale=two": "scale must be a number in (0, 100], not 'two'.",
     "run 00 -p scale": "-p must be of the form name=value, not 'scale'.",
     "run 00 -p scale=1 -p scale=2": "-p must be given only once for scale, not twice.",
     "run 07": "NAME must be one of 00, not '07'.",
     "run 00 --out data": "--out must be a new or empty folder, or one that holds only an",
     "run 00 -f own/parameters.yml --out own": "only an unchanged earlier run",
-    "sweep 00 --grid scale=0": "scale must be a number in (0, 100], not 0.0.",
     "sweep 00": "Missing option '--grid'.",
     "sweep 00 --runs 100": "No such option",
     "sweep 00 --grid scale=1 --out data": "--out must be a new or empty folder, or",
@@ -115,9 +112,7 @@ def test_a_mistake_is_one_sentence_and_nothing_runs(checkout: MiniProject, insws
     assert files_of(checkout.root) == before
 
 
-def test_a_checkout_is_found_and_has_no_library_of_its_own(
-    mini: MiniProject, tmp_path: Path
-) -> None:
+def test_a_checkout_is_found_and_has_no_library_itself(mini: MiniProject, tmp_path: Path) -> None:
     """As processes: where the command is called counts."""
     module = [sys.executable, "-m", "inswsn_book", "chapters"]
     done = subprocess.run(module, cwd=tmp_path, capture_output=True, text=True, check=False)

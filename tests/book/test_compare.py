@@ -132,9 +132,7 @@ def test_all_that_differs_between_two_runs_of_a_chapter() -> None:
 # The reference -----------------------------------------------------------------------------------
 
 
-def test_a_fresh_build_is_within_tolerance_of_the_reference(
-    project: Project, built_site: Path
-) -> None:
+def test_a_fresh_build_is_close_to_the_reference(project: Project, built_site: Path) -> None:
     due = [line for line in changes_to_publish(project) if line.startswith("!")]
     if due:
         said = "The build is not data/published; if what it found is meant to be: make publish"

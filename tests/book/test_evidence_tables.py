@@ -10,11 +10,7 @@ import pytest
 from inswsn_book.evidence.filter_gammas import printed_clocks, rebuild_gammas
 from inswsn_book.evidence.fusion_percentages import FirstReading, rebuild_percentages
 from inswsn_book.evidence.outage_cells import outages_by_drive, rebuild_outages, rebuild_recorded
-from inswsn_book.evidence.outage_tables import (
-    rebuild_table1,
-    rebuild_table3,
-    table1_cells,
-)
+from inswsn_book.evidence.outage_tables import rebuild_table1, rebuild_table3, table1_cells
 from inswsn_book.evidence.training_table import rebuild_table2, with_recorded
 
 from inswsn_lib import data_file
@@ -125,9 +121,7 @@ def table3(outages: BridgedOutages) -> dict[str, Finding]:
     return rebuild_table3(outages)
 
 
-def test_the_ins_of_an_outage_is_what_is_drawn(
-    outages: BridgedOutages, table3: dict[str, Finding]
-) -> None:
+def test_the_ins_of_outages_is_drawn(outages: BridgedOutages, table3: dict[str, Finding]) -> None:
     drift = np.abs(outages.drawn["ins.outage2"][:, 3]).mean(axis=0)
     found = table3["table3.ins.vy2"]
     assert found.value == pytest.approx(np.median(drift))

@@ -65,7 +65,7 @@ def test_the_kernel_is_this_interpreter_whatever_jupyter_knows(
     assert value(tmp_path / "own") == repr((sys.executable, None))
 
 
-def test_a_kernel_that_does_not_answer_is_told(
+def test_a_kernel_without_an_answer_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     startup = tmp_path / "profile_default" / "startup"
@@ -99,7 +99,7 @@ def test_a_forked_kernel_sees_what_one_that_is_started_sees(
 
 
 @linux
-def test_forked_kernels_have_chances_of_their_own(
+def test_forked_kernels_draw_for_themselves(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     chances = "import numpy, random, uuid; numpy.random.random(), random.random(), uuid.uuid4()"
@@ -122,7 +122,7 @@ def test_what_a_forked_kernel_says_on_standard_error_is_its_own(
 
 
 @linux
-def test_where_none_can_be_forked_one_is_started(
+def test_where_none_is_forked_one_is_started(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     forker = Forker()

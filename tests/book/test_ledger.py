@@ -51,9 +51,7 @@ def test_a_cell_records_what_decides_a_claim(known: dict[str, Any]) -> None:
     assert without == []
 
 
-def test_printed_values_are_those_of_the_transcriptions(
-    project: Project, claims: dict[str, Claim]
-) -> None:
+def test_printed_values_are_those_transcribed(project: Project, claims: dict[str, Claim]) -> None:
     papers = project.root / "data" / "papers"
     with (papers / "p1-table1.csv").open() as stream:
         for row in csv.DictReader(stream):
@@ -183,9 +181,7 @@ def test_digits_stand_for_what_rounds_to_them(number: Decimal) -> None:
         ({"tolerance": "at most 0.005", "value": [["1", "0"], ["0", "1"]]}, (-math.inf, 0.005)),
     ],
 )
-def test_what_a_tolerance_stands_for(
-    changes: dict[str, Any], expected: tuple[float, float]
-) -> None:
+def test_what_a_tolerance_means(changes: dict[str, Any], expected: tuple[float, float]) -> None:
     claim = Claim(**(ENTRY | changes))
     assert claim.published({"width": 2}) == pytest.approx(expected, abs=1e-15)
     # widths are measured by the printed number; where there are several, by the bound

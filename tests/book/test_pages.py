@@ -153,7 +153,7 @@ def test_the_provenance_of_a_run(root: Path, facts: dict[str, Any], words: list[
     ("number", "said"),
     [(1, "decides the claim ["), (2, "decides the claims ["), (6, "decides 6 claims\n")],
 )
-def test_a_cell_that_decides_is_preceded_by_links(
+def test_links_precede_a_cell_that_decides(
     root: Path, number: int, said: str, hidden: bool
 ) -> None:
     cell = nbformat.v4.new_code_cell("x", metadata={"tags": ["remove-cell"] if hidden else []})

@@ -368,9 +368,7 @@ def test_runs_go_side_by_side_and_a_failure_stops_all_or_not(mini: MiniProject) 
         run_all(mini, asked, Quiet())
 
 
-def test_chapters_that_take_long_come_first(
-    mini: MiniProject, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_chapters_that_take_long_begin(mini: MiniProject, monkeypatch: pytest.MonkeyPatch) -> None:
     took = {"00": 1.0, "01": 30.0, "02": None, "03": 30.0, "04": 4.0}  # 02 was never published
     order: list[str] = []
 

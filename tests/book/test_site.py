@@ -67,9 +67,7 @@ def rendered(project: MiniProject) -> str:
 
 
 @pytest.mark.whole
-def test_changed_pages_are_rendered_alone_and_as_all_would_be(
-    built: MiniProject, tmp_path: Path
-) -> None:
+def test_changed_pages_are_rendered_alone_as_all_are(built: MiniProject, tmp_path: Path) -> None:
     """One word of a chapter, a new heading, and results that another page shows."""
     text, kept = built.source.read_text(), built.build / "pages"
     written = kept / "html" / "claims.html"

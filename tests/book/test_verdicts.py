@@ -162,9 +162,7 @@ SO = "That it is so."
         (found(80.0, role="calibrated"), claim(), Verdict.CALIBRATED),
     ],
 )
-def test_the_verdict_follows_from_what_decides_it(
-    results: Results, on: Claim, verdict: Verdict
-) -> None:
+def test_the_verdict_is_by_what_decides_it(results: Results, on: Claim, verdict: Verdict) -> None:
     (judged,) = verdicts([on], [results])
     assert judged.verdict is verdict
     assert judged.cell == "ch02-007"
@@ -280,8 +278,6 @@ def test_what_a_claim_stands_for_is_written(on: Claim, text: str) -> None:
         (found(1.7956e-16), "1.8e-16"),
     ],
 )
-def test_what_was_found_is_written_to_the_digits_of_its_interval(
-    results: Results, text: str
-) -> None:
+def test_findings_are_written_to_the_digits_of_intervals(results: Results, text: str) -> None:
     (judged,) = verdicts([claim("at most 8")], [results])
     assert judged.rebuilt_text == f"{text} m"

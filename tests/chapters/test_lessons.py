@@ -96,9 +96,7 @@ def test_a_picture_stands_for_every_three_hundred_words(
     assert moving >= 3
 
 
-def test_lessons_take_a_third_of_the_time_of_their_evidence(
-    built_site: Path, project: Project
-) -> None:
+def test_lessons_take_a_third_of_their_evidence(built_site: Path, project: Project) -> None:
     """Both were executed side by side: of seconds alone a busy machine would take its share."""
     runs = {chapter.id: lookup(project, Request(chapter.id)) for chapter in project.chapters()}
     seconds = {name: run.results.provenance.seconds for name, run in runs.items()}  # type: ignore[union-attr]

@@ -52,9 +52,7 @@ def test_what_is_missing_is_named(project: Project, monkeypatch: pytest.MonkeyPa
     assert needs == ["", "scipy", "scipy", ""]
 
 
-def test_what_is_installed_here_is_not_in_the_page(
-    project: Project, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_installed_is_not_there(project: Project, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("inswsn_book.live.measured.sources_of", lambda *_: ["import pytest"])
     with pytest.raises(BuildError, match=r"(?s)Cell 1 of none fails .*No module named 'pytest'"):
         measure(project, "none")

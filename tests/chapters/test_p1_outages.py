@@ -89,9 +89,7 @@ def test_table_3_of_the_machine_by_another_library(
         assert abs(value - q.value) < (q.interval[1] - q.interval[0]) / 4
 
 
-def test_the_machine_is_a_ridge_with_lambda_1000(
-    results: Results, drawn: dict[str, np.ndarray]
-) -> None:
+def test_the_machine_is_a_ridge_of_1000(results: Results, drawn: dict[str, np.ndarray]) -> None:
     """In position, with scikit-learn's ridge regression in place of the kernel."""
     X = drawn["ins.area2"][:, :, 0]
     y, Z = X - drawn["wsn.area2"][:, :, 0], drawn["ins.outage2"][:, :, 0]
@@ -119,9 +117,7 @@ def test_your_own_method_is_least_squares(results: Results, drawn: dict[str, np.
 
 
 @pytest.mark.parametrize("prefix", ["", "scaled.", "square.", "square-scaled."])
-def test_what_the_text_says_of_table_3_follows_from_the_cells(
-    results: Results, prefix: str
-) -> None:
+def test_what_is_said_of_table_3_follows_from_the_cells(results: Results, prefix: str) -> None:
     ins, bp = ({c: results[f"table3.{m}.{c}"].value for c in COLUMNS} for m in ("ins", "bp"))
     own = {c: results[f"{prefix}table3.lssvm.{c}"].value for c in COLUMNS}
     found = {

@@ -170,9 +170,7 @@ def deadbeat(*noises: float) -> float:
 @pytest.mark.parametrize(
     ("name", "noise"), [("local.identity", 1.0), ("local.best", 0.5), ("local.worst", 2.0)]
 )
-def test_a_local_gamma_by_deadbeat_and_by_riccati(
-    results: Results, name: str, noise: float
-) -> None:
+def test_a_local_gamma_by_deadbeat_and_riccati(results: Results, name: str, noise: float) -> None:
     assert pytest.approx(np.linalg.norm(STEP, 2), rel=1e-12) == SIGMA
     found = results[name].value
     assert found == pytest.approx(deadbeat(noise), rel=1e-4)
@@ -189,9 +187,7 @@ def test_the_free_bound_adds_up_informations(results: Results) -> None:
     assert results["theorem.free-identity"].value == pytest.approx(third, rel=1e-3)
 
 
-def test_no_fusion_beats_the_best_filter_of_all_measurements(
-    results: Results, scene: ClusterScene
-) -> None:
+def test_no_fusion_beats_the_filter_of_all_fixes(results: Results, scene: ClusterScene) -> None:
     """By deadbeat gains; in the scene by Riccati equations."""
     best = deadbeat(0.5, 1, 2)
     assert best * (1 - 1e-4) < results["theorem.least"].value < 1.01 * best

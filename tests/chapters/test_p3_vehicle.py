@@ -108,9 +108,7 @@ def test_the_settings_are_those_that_p3_prints(
 # the simulated drive
 
 
-def test_the_route_is_as_long_and_as_fast_as_its_positions_say(
-    results: Results, truth: Truth
-) -> None:
+def test_the_route_is_as_long_and_fast_as_its_positions(results: Results, truth: Truth) -> None:
     """By chords of a second between points in space, with the height that the page leaves out."""
     points = transform.lla_to_ecef(truth.reference.position * DEGREES)
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -317,9 +315,7 @@ def test_the_results_say_whether_the_recording_was_executed(
 # claims
 
 
-def test_what_is_said_in_general_is_judged_by_the_interval_of_the_median(
-    judged: dict[str, Judged],
-) -> None:
+def test_what_is_said_in_general_is_judged_by_the_median(judged: dict[str, Judged]) -> None:
     """And numbers of P3's one drive by the spread of single drives."""
     for id_, entry in judged.items():
         if entry.quantity is None or entry.quantity.interval is None:
@@ -344,9 +340,7 @@ BY_ARGUMENT = dict.fromkeys(
 
 
 @pytest.mark.parametrize(("claim", "verdict"), BY_ARGUMENT.items())
-def test_a_verdict_that_no_tuning_moves(
-    judged: dict[str, Judged], claim: str, verdict: Verdict
-) -> None:
+def test_a_verdict_without_tuning(judged: dict[str, Judged], claim: str, verdict: Verdict) -> None:
     assert judged[claim].verdict is verdict
     assert judged[claim].assumed is (claim != "P3-C-q5")
 

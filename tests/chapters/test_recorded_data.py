@@ -70,9 +70,7 @@ def test_what_is_published_is_what_is_kept(results: Results, kept: Tables) -> No
     assert all(results.sentences.values())
 
 
-def test_the_replication_is_as_it_was_committed_and_as_it_is_told(
-    root: Path, results: Results
-) -> None:
+def test_the_replication_is_as_it_was_committed_and_told(root: Path, results: Results) -> None:
     """The plan was committed as 8b878d2, before it was run, and the outcome below it as 137ff3d."""
     content = (root / "data/recorded/replication.yaml").read_bytes()
     plan, outcome = content.split(b"outcome:\n")

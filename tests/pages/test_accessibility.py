@@ -322,9 +322,7 @@ def computed_part(alt: str, spelt: list[str]) -> str:
     return alt
 
 
-def test_figures_have_alternative_texts_with_numbers_of_the_run(
-    built_site: Path, project: Project
-) -> None:
+def test_alternative_texts_have_numbers_of_the_run(built_site: Path, project: Project) -> None:
     shown = set()
     for run in book_runs(project):
         notebook = nbformat.reads(run.notebook, as_version=4)
@@ -428,10 +426,7 @@ def test_the_first_tab_leads_past_the_contents_and_none_to_a_formula(open_page: 
 
 @pytest.mark.parametrize(
     ("name", "kinds"),
-    [
-        (OWN_DATA, {"a", "button", "summary"}),
-        (LESSON, {"a", "button", "summary", "input"}),
-    ],
+    [(OWN_DATA, {"a", "button", "summary"}), (LESSON, {"a", "button", "summary", "input"})],
 )
 def test_focus_is_seen_and_nothing_moves(open_page: Open, name: str, kinds: set[str]) -> None:
     """Whatever a tab leads to gets an outline, or a shadow as an outline, that it had not.
@@ -462,9 +457,7 @@ def test_focus_is_seen_and_nothing_moves(open_page: Open, name: str, kinds: set[
         assert kinds <= reached
 
 
-def test_a_solution_opens_by_the_keyboard_and_without_scripts(
-    browser: Browser, served: str
-) -> None:
+def test_a_solution_opens_by_keyboard_without_scripts(browser: Browser, served: str) -> None:
     page = browser.new_page(java_script_enabled=False)
     page.goto(served + OWN_DATA)
     solution = page.locator("details.solution").first

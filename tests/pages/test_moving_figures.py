@@ -255,9 +255,7 @@ def test_the_error_over_q_is_that_of_the_kalman_filter(built_site: Path, lesson:
         assert metres(shown) == pytest.approx(distance(run, found), abs=0.001)
 
 
-def test_an_outage_is_bridged_by_the_machine_of_that_width(
-    built_site: Path, lesson: Lesson
-) -> None:
+def test_an_outage_is_bridged_by_that_machine(built_site: Path, lesson: Lesson) -> None:
     drive = BridgedOutages(runs=1).judged["1"].run(0)
     clock, y, error = drive.inputs["time"], drive.y, drive.error
     assert clock is not None

@@ -98,9 +98,7 @@ def test_a_distribution_tells_on_which_side_it_lies(project: Project) -> None:
     assert column([{"x": 1.0}, {}], "x").tolist() == pytest.approx([1.0, np.nan], nan_ok=True)
 
 
-def test_points_that_were_computed_are_not_computed_again(
-    tmp_path: Path, crossing: Crossing
-) -> None:
+def test_computed_points_are_not_computed_again(tmp_path: Path, crossing: Crossing) -> None:
     """A line that was cut off when the study was stopped is left out."""
     names = [factor.name for factor in crossing.of_chapter("p1-lmi")]
     kept = [["starts", {"Kalman": [1.0, 1.0]}, 5.0], ["p1-lmi 0.1 0.2 0.3 0.4", {"x": 7.0}, 2.0]]
@@ -129,7 +127,7 @@ def stored(project: Project) -> Crossed:
     return read_crossed(path)
 
 
-def test_it_is_of_these_factors_and_large_enough(
+def test_it_is_of_these_factors_and_large(
     project: Project, crossing: Crossing, stored: Crossed
 ) -> None:
     assert (project.root / CROSSED_FILE).stat().st_size < MOST_BYTES
@@ -166,9 +164,7 @@ def test_its_page_names_the_conclusions_that_turn_at_most_points(
 
 
 @pytest.mark.long
-def test_one_random_point_comes_out_again(
-    project: Project, crossing: Crossing, stored: Crossed
-) -> None:
+def test_one_point_comes_out_again(project: Project, crossing: Crossing, stored: Crossed) -> None:
     """Another one each day, or that of INSWSN_SEED."""
     seed = int(os.environ.get("INSWSN_SEED") or datetime.datetime.now(datetime.UTC).toordinal())
     draw = random.Random(seed)

@@ -207,9 +207,7 @@ def test_a_short_chapter_in_every_variant_that_each_machine_has(
 
 
 @pytest.mark.whole
-def test_a_design_is_asked_of_scs(
-    project: Project, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_scs_designs(project: Project, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Live, in the shortest chapter that designs a filter."""
     monkeypatch.setattr(project, "store", tmp_path)
     (variant,) = (v for v in variants() if v.id == "scs")

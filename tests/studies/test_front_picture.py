@@ -75,9 +75,7 @@ def test_what_is_kept_is_of_the_reference(root: Path, drawn: list[Contest]) -> N
     assert (root / PICTURE).is_file()
 
 
-def test_the_picture_is_the_same_each_time_and_its_text_says_its_numbers(
-    render: Render,
-) -> None:
+def test_the_picture_is_the_same_each_time_and_its_text_says_its_numbers(render: Render) -> None:
     drawn = [Contest("A over B,\nposition", 0.1, 1.25), Contest("C over D", None, 2.0, 3.0)]
     assert front_svg(drawn) == front_svg(drawn)
     page = render("index", front=[asdict(row) for row in drawn])

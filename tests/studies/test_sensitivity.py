@@ -17,16 +17,7 @@ from inswsn_book.project import Project
 from inswsn_book.results import Results
 from inswsn_book.runs import ChapterError, request_key
 from made_results import quantity, results
-from sensitivity import (
-    FIGURE,
-    Cell,
-    cells_of,
-    merged,
-    request_of,
-    run_of,
-    with_page,
-    write_study,
-)
+from sensitivity import FIGURE, Cell, cells_of, merged, request_of, run_of, with_page, write_study
 from small import SMALL, run, study
 from study import BASELINE, SENSITIVITY, Study, read_study
 

@@ -63,9 +63,7 @@ def test_no_kept_trial_ended_with_a_traceback(kept: study.Study) -> None:
 
 
 @pytest.mark.parametrize("outcome", ["refused", "detected", "passed"])
-def test_a_kept_trial_comes_out_again(
-    kept: study.Study, wheels: study.Unspoilt, outcome: str
-) -> None:
+def test_a_kept_trial_comes_again(kept: study.Study, wheels: study.Unspoilt, outcome: str) -> None:
     mine = [each for each in kept.trials if each.recording == "made, odometry"]
     before = next(each for each in mine if each.outcome == outcome)
     [way] = [s for s in spoilers() if (s.file, s.name) == (before.file, before.spoiler)]
