@@ -77,12 +77,6 @@ def test_the_tests_compute_with_one_thread_a_process() -> None:
     assert {entry["num_threads"] for entry in threadpool_info()} == {1}
 
 
-def test_the_first_screen_of_the_readme_has_the_two_commands(root: Path) -> None:
-    first_screen = "\n".join((root / "README.md").read_text(encoding="utf-8").splitlines()[:24])
-    for command in ("make book", "make test"):
-        assert re.search(rf"^\s*{command}\b", first_screen, re.MULTILINE), command
-
-
 def test_the_two_routes_without_make_agree(root: Path) -> None:
     def steps(name: str) -> list[str]:
         text = (root / name).read_text(encoding="utf-8").split("# Without make\n")[1]

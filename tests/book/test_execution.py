@@ -65,17 +65,6 @@ def test_the_kernel_is_this_interpreter_whatever_jupyter_knows(
     assert value(tmp_path / "own") == repr((sys.executable, None))
 
 
-def test_a_kernel_without_an_answer_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    startup = tmp_path / "profile_default" / "startup"
-    startup.mkdir(parents=True)
-    (startup / "slow.py").write_text("import time\ntime.sleep(8)\n")
-    monkeypatch.setattr(execution, "_START_TIMEOUT", 2)
-    with pytest.raises(RuntimeError, match="Kernel didn't respond in 2 seconds"):
-        execute(tmp_path)
-
-
 # Forked kernels -----------------------------------------------------------------------------------
 
 SEEN = """
@@ -137,15 +126,3 @@ def test_where_none_is_forked_one_is_started(
     process.kill()
     process.wait()
     assert value(tmp_path / "dead", forked=True) == "42"
-
-
-@linux
-def test_a_forked_process_is_waited_for_and_told_to_end(tmp_path: Path) -> None:
-    forker, words = Forker(), ["-f", str(tmp_path / "kernel.json")]
-    with (tmp_path / "log").open("w") as log:
-        kernel = forker.fork(words, os.environ, str(tmp_path), log.fileno())
-    assert kernel is not None
-    assert kernel.poll() is None
-    kernel.kill()
-    assert kernel.wait() == kernel.poll() == 0
-    kernel.terminate()  # nobody is told, since it has ended

@@ -6,7 +6,6 @@ import json
 import os
 import sys
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -200,23 +199,6 @@ def test_an_entry_that_is_damaged_is_none_and_is_told(
     assert told == [f"_build/store/00/{entry.name} is damaged: it is computed anew"]
     keep(mini, PLAIN, Run(PLAIN, EMPTY))  # and another takes its place
     assert entry.read_bytes() == whole
-
-
-def test_two_writers_keep_the_same(mini: MiniProject) -> None:
-    kept, seen = Run(PLAIN, EMPTY, "{}\n", {"note.csv": "a\n"}), []
-
-    def keep_often() -> None:
-        for _ in range(40):
-            keep(mini, PLAIN, kept)
-
-    with ThreadPoolExecutor(2) as pool:
-        writers = [pool.submit(keep_often) for _ in range(2)]
-        while not all(writer.done() for writer in writers):
-            seen.append(lookup(mini, PLAIN))
-    assert [writer.exception() for writer in writers] == [None, None]
-    assert all(found in (None, kept) for found in seen)
-    assert lookup(mini, PLAIN) == kept
-    assert len(list((mini.store / "00").iterdir())) == 1
 
 
 def test_old_entries_go_but_for_the_last_few(mini: MiniProject) -> None:

@@ -75,20 +75,6 @@ def test_designs_have_the_known_gamma_of_identities(results: Results) -> None:
     assert results["design.deadbeat1"].value == pytest.approx(expected, rel=1e-6)
 
 
-def test_what_the_introduction_claims_by_closed_forms(results: Results) -> None:
-    # a quarter of the nodes: the root of four, a little more near the edge where few are left
-    assert 1.8 < results["wsn.sparse"].value < 3
-    # the rate of rotation has three components: three axes, or two pairs at right angles
-    assert results["gyros.one-axis"].value == 3
-    assert results["gyros.two-axis"].value == 2
-    # eight anchors around the tag and ranges good to 0.1 m: 0.1 m in the plane, not metres
-    assert 0.03 < results["radio.accuracy"].value < 0.2
-    assert results["radio.accuracy"].basis == "recorded"
-    rises = [results[f"fair.mistuned-{name}"].value for name in ("hf", "kalman")]
-    assert min(rises) > 0  # a minimum is the least
-    assert results["fair.mistuned"].value == pytest.approx(rises[0] / rises[1])
-
-
 # The percentages of the text ---------------------------------------------------------------------
 
 PAIRS = {

@@ -343,33 +343,3 @@ BY_ARGUMENT = dict.fromkeys(
 def test_a_verdict_without_tuning(judged: dict[str, Judged], claim: str, verdict: Verdict) -> None:
     assert judged[claim].verdict is verdict
     assert judged[claim].assumed is (claim != "P3-C-q5")
-
-
-def test_the_printed_numbers_are_those_of_the_paper(judged: dict[str, Judged], root: Path) -> None:
-    printed = papers.read_numbers(root / "data" / "papers" / "p3.yaml")
-    ranges = printed["ranges"]
-    expected = {
-        "P3-N-kf4max": (printed["outage4"]["kf_max"], "sim.40.never.place4.max"),
-        "P3-N-pr4max": (printed["outage4"]["proposed_max"], "sim.40.lssvm.place4.max"),
-        "P3-N-rms4": (printed["outage4"]["improvement_rms"], "sim.40.gain.place4.rms"),
-        "P3-N-kf1": (printed["outage1"]["kf_max"], "sim.40.never.place1.max"),
-        "P3-N-pr1": (printed["outage1"]["proposed_max"], "sim.40.lssvm.place1.max"),
-        "P3-N-kf5": (printed["outage5_50s"]["kf_max"], "sim.50.never.place5.max"),
-        "P3-N-rbf5": (printed["outage5_50s"]["rbf_max"], "sim.50.rbf.place5.max"),
-        "P3-N-pr5": (printed["outage5_50s"]["proposed_max"], "sim.50.lssvm.place5.max"),
-        "P3-N-imp5": (printed["outage5"]["improvement_about"], "sim.40.gain.place5.rms"),
-        "P3-N-imp8": (printed["outage8"]["improvement_about"], "sim.40.gain.place8.max"),
-        "P3-N-avg": (printed["average_improvement_at_least"], "sim.40.gain.seven.rms"),
-        "P3-N-avg-max": (printed["average_improvement_at_least"], "sim.40.gain.seven.max"),
-    }
-    for id_, who, ours in (("pr", "proposed", "lssvm"), ("kf", "kf", "never")):
-        for kind in ("max", "rms"):
-            for i, (end, suffix) in enumerate((("least", "-least"), ("most", ""))):
-                name = f"sim.40.{ours}.{kind}.{end}"
-                expected[f"P3-N-{id_}{kind}{suffix}"] = (ranges[f"{who}_{kind}"][i], name)
-    for id_, (value, name) in expected.items():
-        entry = judged[id_]
-        assert entry.claim.value == value, id_
-        assert entry.quantity is not None
-        assert (entry.quantity.name, entry.quantity.role) == (name, "found")
-        assert entry.quantity.runs == ROUTES * DRAWS
