@@ -220,7 +220,6 @@ def test_verdicts_are_judged_anew_by_a_reading(readings: Readings, findings: Fin
     }
     now, other, quantity = anew["P2-F-14"]
     assert (now, other) == (Verdict.IDENTITY, Verdict.NOT_REPRODUCED)
-    assert quantity is not None
     assert quantity.value > 1  # the gain with one INS over what (9) certifies
     assert anew["P1-Th-2.3"][:2] == (Verdict.NOT_REPRODUCED, Verdict.IDENTITY)
     # both periods of the matrices exclude 1 s

@@ -273,7 +273,6 @@ def test_an_overlay_is_as_an_edited_checkout(mini: MiniProject) -> None:
     assert edited.results.found() == over.results.found()
     assert edited.notebook == over.notebook
     made = over.results.provenance
-    assert made is not None
     assert made.sources["chapter"] == file_digest(mini.source)
 
 
@@ -311,7 +310,6 @@ def test_other_prose_is_woven_around_what_the_cells_gave(mini: MiniProject) -> N
         recording = "```{code-cell} ipython3\nfrom inswsn_book"
         mini.source.write_text(text.replace(recording, f"+++\n\nA word.\n\n+++\n\n{recording}"))
         found, anew = lookup(mini, request), run(mini, request, Quiet(), fresh=True)
-        assert found is not None
         assert found.notebook == anew.notebook != first.notebook
         assert found.results.found() == anew.results.found()
         assert found.results.cells != first.results.cells  # cells are named by their places

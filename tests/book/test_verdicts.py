@@ -80,31 +80,6 @@ def test_the_rule_for_what_was_built_again(
     assert judge_rebuilt(value, rebuilt, published, reference)[0] is verdict
 
 
-number = st.floats(-100, 100, allow_subnormal=False)
-two, three = (st.tuples(*[number] * n).map(sorted) for n in (2, 3))
-
-
-@given(three, two, number, st.integers(-10, 10))
-def test_a_whole_interval_decides_and_a_change_of_unit_nothing(
-    rebuilt: list[float], published: list[float], reference: float, power: int
-) -> None:
-    low, value, high = rebuilt
-    first, last = published
-    verdict, reason = judge_rebuilt(value, (low, high), (first, last), reference)
-    if first <= low and high <= last:
-        assert verdict is REPRODUCED
-    elif high < first or last < low:
-        assert verdict is NOT_REPRODUCED
-    elif high - low > 0.25 * abs(reference):
-        assert verdict is NOT_DECIDED
-    else:
-        assert verdict is (REPRODUCED if first <= value <= last else NOT_REPRODUCED)
-    k = 2.0**power  # exact in floating point
-    assert (verdict, reason) == judge_rebuilt(
-        k * value, (k * low, k * high), (k * first, k * last), k * reference
-    )
-
-
 # Claims and results ------------------------------------------------------------------------------
 
 

@@ -62,7 +62,6 @@ class Printed:
         for page in self.volume.pages:
             soup = BeautifulSoup((self.site / f"{page}.html").read_text("utf-8"), "html.parser")
             article = soup.select_one("article.bd-article")
-            assert article is not None
             for tag in article.select(LEFT_OUT):
                 tag.decompose()
             found[page] = article

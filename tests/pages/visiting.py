@@ -143,7 +143,6 @@ def opening(browser: Browser, served: str) -> Iterator[Open]:
 def settled(page: Page) -> Page:
     """Wait until nothing of a page moves, so that what is measured on it stays true; return it."""
     size = page.viewport_size
-    assert size is not None
     why = page.evaluate(AT_REST, [size["width"], size["height"], REST, PATIENCE])
     assert why == "", f"{page.url} does not come to rest: {why}"
     return page

@@ -89,9 +89,7 @@ def test_a_deviation_is_the_farthest_number_in_tolerances(
 @pytest.fixture
 def provenance(published: dict[str, Results]) -> Provenance:
     """That of a reference, whose linear algebra had one thread."""
-    made = published["62"].provenance
-    assert made is not None
-    return made
+    return published["62"].provenance
 
 
 def test_a_run_is_held_against_the_reference(mini: MiniProject, provenance: Provenance) -> None:
@@ -114,7 +112,6 @@ def test_a_run_is_held_against_the_reference(mini: MiniProject, provenance: Prov
     assert (same.cpu, same.reference_cpu) == (provenance.cpu, provenance.cpu)
     near = held(41.75)
     assert (near.identical, near.beyond) == (0, ())
-    assert near.farthest is not None
     assert near.farthest.deviation == 0.5
     # 42 in print is 41.5 to 42.5: twice as far as 41.75 is from 42 is out of it, below
     assert (near.distances, near.hanging) == ({"twice": 0.25}, ("P1-M-twice",))
@@ -171,7 +168,6 @@ def test_what_another_build_found(
     write_results(results, tmp_path / "62.json")
     try:
         found = found_elsewhere(project, tmp_path, chapter)
-        assert found is not None
         assert (found[0].id, found[1]) == (name, results)
     except InswsnError as error:
         said = str(error)
@@ -212,7 +208,6 @@ def test_scs_designs(project: Project, monkeypatch: pytest.MonkeyPatch, tmp_path
     monkeypatch.setattr(project, "store", tmp_path)
     (variant,) = (v for v in variants() if v.id == "scs")
     request = variant.request(project, project.by_id("p1-lmi"))
-    assert request is not None
     done = run(project, request, Quiet())
     found = compared(project, variant, project.by_id("p1-lmi"), done.results)
     assert any("scs" in name for name in found.solvers)
@@ -300,8 +295,6 @@ def test_nothing_is_beyond_its_tolerance_without_being_said_to_be(
     for found in stored:
         most = found.farthest
         if most is not None and most.deviation is not None:
-            assert most.before is not None
-            assert most.after is not None
             size = abs(most.after - most.before) / most.tolerance
             assert most.deviation == pytest.approx(size, rel=1e-9)
             assert size <= 1 or most.name in {moved.name for moved in found.beyond}

@@ -169,7 +169,6 @@ def test_the_baseline_agrees_with_the_published_results(
     for headline in assumptions.headlines:
         chapter, key, edge = headline.chapter, headline.key, headline.turns
         baseline = stored.run(chapter, BASELINE)
-        assert baseline is not None
         value, reference = baseline.headlines[key], headline.value(published[chapter])
         if chapter in NOT_REDUCED:
             assert value == pytest.approx(reference, rel=1e-4)
@@ -215,7 +214,6 @@ def test_one_run_comes_out_again(
     assert len(cells) > 5
     cell = random.Random(digest).choice(cells)
     before = stored.run(cell.chapter, cell.id)
-    assert before is not None
     done = engine.run(project, request_of(project, cell), Quiet(), fresh=True)
     again = run_of(project, cell, assumptions.of_chapter(cell.chapter), done)
     assert again.failed is None
