@@ -13,6 +13,7 @@ import sys
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache, partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -36,12 +37,15 @@ if TYPE_CHECKING:
     from click import Command
     from inswsn_book.results import Results
     from inswsn_book.review import Findings
+    from inswsn_book.verdicts import Judged
     from playwright.sync_api import Browser
+    from visiting import Visit
 
 # the same examples in every run, and no limit of time that a busy machine could miss
 settings.register_profile("inswsn", derandomize=True, deadline=None)
 settings.load_profile("inswsn")
 
+Render = Callable[..., str]
 ROOT = Path(__file__).resolve().parents[1]
 WHOLE = os.environ.get("INSWSN_TESTS") == "whole"
 
@@ -98,6 +102,24 @@ def published(project: Project) -> dict[str, Results]:
     return {path.stem: read_results(path) for path in sorted(project.published.glob("*.json"))}
 
 
+@pytest.fixture(scope="module")
+def results(request: pytest.FixtureRequest, built_site: Path, project: Project) -> Results:
+    """What the CHAPTER of a module of tests has found, as it is built."""
+    from inswsn_book.results import read_results
+
+    return read_results(project.results / f"{request.module.CHAPTER}.json")
+
+
+@pytest.fixture(scope="module")
+def judged(results: Results, project: Project) -> dict[str, Judged]:
+    """Its claims, by their ids, judged by that."""
+    from inswsn_book.ledger import LEDGER, claims_of, load_claims
+    from inswsn_book.verdicts import verdicts
+
+    own = claims_of(load_claims(project.root / LEDGER), results.chapter)
+    return {entry.claim.id: entry for entry in verdicts(own, [results])}
+
+
 @pytest.fixture(scope="session")
 def known(project: Project, published: dict[str, Results]) -> dict[str, Any]:
     """What the templates of the book are rendered over, from the published results."""
@@ -114,7 +136,7 @@ def findings(known: dict[str, Any]) -> Findings:
 
 
 @pytest.fixture(scope="session")
-def render(project: Project, known: dict[str, Any]) -> Callable[..., str]:
+def render(project: Project, known: dict[str, Any]) -> Render:
     """Render a page, such as ``"errata"``, with parts of what it is given replaced."""
     from inswsn_book.pages import environment
 
@@ -168,6 +190,7 @@ def as_in_a_terminal() -> Iterator[None]:
 
 
 Done = subprocess.CompletedProcess[str]
+Command = Callable[..., Done]
 
 
 def run_command(
@@ -197,7 +220,7 @@ def unprivileged() -> list[str]:
 @pytest.fixture
 def inswsn(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> Iterator[Callable[..., Done]]:
+) -> Iterator[Command]:
     """Run ``inswsn``, or another command, on a checkout in this process: a second less each."""
     from inswsn_book.cli import cli, run_command as run_here
 
@@ -491,6 +514,17 @@ def files_of(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
+def same(here: Any, there: Any) -> bool:
+    """Whether two contents differ by no more than rounding: compiled loops round otherwise."""
+    if isinstance(here, dict):
+        return here.keys() == there.keys() and all(same(here[k], there[k]) for k in here)
+    if isinstance(here, list):
+        return len(here) == len(there) and all(map(same, here, there))
+    if isinstance(here, float | int) and not isinstance(here, bool):
+        return abs(here - there) <= 1e-3 * (1 + abs(there))
+    return bool(here == there)
+
+
 # A browser ---------------------------------------------------------------------------------------
 
 
@@ -536,19 +570,36 @@ def browser(chromium: str) -> Iterator[Browser]:
         browser.close()
 
 
-class _Quiet(SimpleHTTPRequestHandler):
+class QuietHandler(SimpleHTTPRequestHandler):
+    """Says nothing for each file."""
+
     def log_message(self, *_: object) -> None:
-        """Say nothing for each file."""
+        pass
+
+
+@contextmanager
+def serving(folder: Path, handler: type[QuietHandler] = QuietHandler) -> Iterator[str]:
+    """Serve a folder; give its address."""
+    with ThreadingHTTPServer(("127.0.0.1", 0), partial(handler, directory=str(folder))) as server:
+        threading.Thread(target=server.serve_forever, args=[0.01], daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_address[1]}/"
+        server.shutdown()
 
 
 @pytest.fixture(scope="session")
 def served(built_site: Path) -> Iterator[str]:
     """The address at which the built book is served."""
-    handler = partial(_Quiet, directory=str(built_site))
-    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{server.server_address[1]}/"
-        server.shutdown()
+    with serving(built_site) as address:
+        yield address
+
+
+@pytest.fixture
+def open_page(browser: Browser, served: str) -> Iterator[Callable[..., Visit]]:
+    """Open pages of the built book, which are closed when the test ends."""
+    from visiting import opening
+
+    with opening(browser, served) as opened:
+        yield opened
 
 
 # What a cell shows -------------------------------------------------------------------------------

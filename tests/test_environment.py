@@ -165,9 +165,7 @@ def checkout(tmp_path: Path, root: Path) -> Checkout:
 
 
 @pytest.mark.whole
-def test_an_environment_is_made_anew_for_another_content_of_the_lock_alone(
-    checkout: Checkout,
-) -> None:
+def test_an_environment_is_made_anew_for_another_lock_alone(checkout: Checkout) -> None:
     wheel, lock = checkout.folder / "small-1-py3-none-any.whl", checkout.folder / "environment.lock"
     status, said = checkout.make()
     assert status == 0, said

@@ -7,16 +7,23 @@ import json
 import re
 import shutil
 import subprocess
+import sys
 from hashlib import sha256
+from importlib.resources import files
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+import yaml
+from inswsn_book.archive import SITE_PACKAGES
 from inswsn_book.project import Project
 from inswsn_book.runs import book_runs
+from jsonschema import Draft7Validator
+from pybtex.database import parse_file
 from threadpoolctl import threadpool_info
 
 import inswsn_lib
+from inswsn_lib.logs.registry import KNOWN
 
 ROOMS = [
     face for name in inswsn_lib.__all__ if hasattr(face := getattr(inswsn_lib, name), "__path__")
@@ -45,9 +52,7 @@ def test_no_path_of_a_machine_and_no_registry_host(tracked: dict[str, bytes]) ->
     assert found == []
 
 
-def test_nothing_heavy_and_no_recording_of_others_is_kept(
-    tracked: dict[str, bytes], root: Path
-) -> None:
+def test_nothing_heavy_and_no_recording_is_kept(tracked: dict[str, bytes], root: Path) -> None:
     """A recording is known by the digests of THIRD-PARTY.md, whatever it is called."""
     assert [name for name, content in tracked.items() if len(content) > 400_000] == []
     text = (root / "THIRD-PARTY.md").read_text(encoding="utf-8")
@@ -65,18 +70,6 @@ def test_no_page_has_what_changes_from_run_to_run(project: Project, built_site: 
                 shown = [output.get("text", ""), *output.get("data", {}).values()]
                 words = " ".join("".join(part) for part in shown if isinstance(part, str | list))
                 assert not re.search(r"\bat 0x[0-9a-f]{6,}", words), cell["id"]
-
-
-def test_no_page_tells_of_reviews(root: Path) -> None:
-    """What was changed after one stands in CHANGELOG.md."""
-    shown = [*root.glob("chapters/**/*.md"), *root.glob("book/*.md"), *root.glob("data/*.yaml")]
-    told = [
-        f"{path.relative_to(root)}: {line.strip()[:80]}"
-        for path in (*shown, *root.glob("data/claims/*.yaml"))
-        for line in path.read_text(encoding="utf-8").splitlines()
-        if re.search(r"\breview(s|er|ers|ed)?\b", line) and not line.startswith("#")
-    ]
-    assert told == []
 
 
 def test_the_tests_compute_with_one_thread_a_process() -> None:
@@ -109,3 +102,39 @@ def test_public_functions_say_what_they_take(room: ModuleType) -> None:
         and "Parameters\n----------" not in (inspect.getdoc(f) or "")
     ]
     assert short == []
+
+
+# the official schema of version 1.2.0, which check-jsonschema brings
+SCHEMA = files("check_jsonschema") / "builtin_schemas" / "vendor" / "citation-file-format.json"
+
+
+def test_the_citation_is_valid_and_cites_the_papers_as_the_bibliography_does(root: Path) -> None:
+    said = yaml.safe_load((root / "CITATION.cff").read_text(encoding="utf-8"))
+    schema = Draft7Validator(json.loads(SCHEMA.read_text(encoding="utf-8")))
+    assert list(schema.iter_errors(said)) == []
+    assert list(schema.iter_errors(said | {"license": "mine"})) != []
+    entries = parse_file(str(root / "book" / "references.bib"), "bibtex").entries
+    papers = [entries[k].fields for k in ("xu2012ins", "li2012distributed", "li2015hybrid")]
+    assert [(r["doi"], str(r["year"])) for r in said["references"]] == [
+        (paper["doi"], paper["year"]) for paper in papers
+    ]
+
+
+def test_what_belongs_to_others_is_named(root: Path) -> None:
+    text = (root / "THIRD-PARTY.md").read_text(encoding="utf-8")
+    said = yaml.safe_load((root / "CITATION.cff").read_text(encoding="utf-8"))
+    for word in (
+        *(paper["doi"] for paper in said["references"]),
+        *(digest for known in KNOWN.values() for digest in known.digests.values()),
+        *(package for package in SITE_PACKAGES if package != "packaging"),
+    ):
+        assert word in text, word
+
+
+@pytest.mark.long
+def test_mypy_has_nothing_to_say(root: Path) -> None:
+    """It takes one processor for a minute; here the other goes on with tests."""
+    done = subprocess.run(
+        [sys.executable, "-m", "mypy"], cwd=root, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr

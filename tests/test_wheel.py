@@ -60,9 +60,7 @@ def test_the_machinery_is_a_wheel_of_its_own(
     assert version.findall(says["METADATA"]) == version.findall(wheel[2]["METADATA"])
 
 
-def test_the_wheel_holds_the_science_and_its_data(
-    wheel: tuple[str, list[str], dict[str, str]],
-) -> None:
+def test_the_wheel_holds_science_and_data(wheel: tuple[str, list[str], dict[str, str]]) -> None:
     _, names, says = wheel
     data = ("data/scenarios/p1.yaml", "data/examples/ins-wsn.csv", "logs/known.yaml")
     assert {f"inswsn_lib/{name}" for name in (*data, "logs/words.yaml")} <= {*names}

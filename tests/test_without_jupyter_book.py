@@ -24,7 +24,7 @@ NOT_NEEDED = {
     *("suppress_warnings", "myst_url_schemes"),
 }
 NO_EXTENSIONS = {
-    *("jupyter_book", "sphinx_comments", "sphinx_jupyterbook_latex", "sphinx_multitoc_numbering"),
+    *("jupyter_book", "sphinx_comments", "sphinx_jupyterbook_latex", "sphinx_multitoc_numbering")
 }
 _WITHOUT = """
 import sys
@@ -41,9 +41,7 @@ def settings(root: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     return runpy.run_path(str(root / "book" / "conf.py"))
 
 
-def test_the_settings_are_those_that_jupyter_book_makes(
-    root: Path, settings: dict[str, Any]
-) -> None:
+def test_the_settings_are_those_of_jupyter_book(root: Path, settings: dict[str, Any]) -> None:
     asked, _ = get_final_config(
         user_yaml=root / "_config.yml", cli_config={"latex_individualpages": False},
         sourcedir=root / "book",

@@ -9,8 +9,9 @@ from inswsn_book.answer import MOST, WIDTH, differences, findings, of_core, plai
 from inswsn_book.assumptions import Headline, load_assumptions, quick_request
 from inswsn_book.cores import asked_schema, changed_scenarios, evidence_of
 from inswsn_book.project import Project
-from inswsn_book.results import Quantity, Results
+from inswsn_book.results import Results
 from inswsn_book.running import chapter_with
+from made_results import quantity, results
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.scenario import load_scenario
@@ -18,17 +19,9 @@ from inswsn_lib.scenario import load_scenario
 
 def made(sentences: dict[str, bool] | None = None, **values: float) -> Results:
     """Return results with one quantity of each name, with an interval of a tenth about it."""
-    quantities = tuple(
-        Quantity(
-            name=name, value=v, unit="m", interval=(v - 0.1, v + 0.1), interval_kind="runs 95 %",
-            how="A length that is made here.", basis="simulation", tolerance=0.01,
-        )
-        for name, v in values.items()
-    )  # fmt: skip
-    return Results(
-        chapter="p1-training", parameters={}, data={}, quantities=quantities,
-        sentences=sentences or {},
-    )  # fmt: skip
+    about = {"interval_kind": "runs 95 %", "how": "A length that is made here.", "tolerance": 0.01}
+    found = (quantity(n, v, interval=(v - 0.1, v + 0.1), **about) for n, v in values.items())
+    return results(*found, chapter="p1-training", sentences=sentences or {})
 
 
 def headline(**fields: str | float) -> Headline:
@@ -71,11 +64,8 @@ def test_sentences_that_are_no_longer_true_fit_a_line() -> None:
     assert len(lines[0]) < WIDTH + 20
 
 
-def test_formulas_are_told_in_plain_signs() -> None:
+def test_formulas_are_told_in_plain_signs(project: Project) -> None:
     assert plain(r"the least $\gamma$ with $Q = R = I$") == "the least γ with Q = R = I"
-
-
-def test_each_headline_is_told_without_marks(project: Project) -> None:
     for each in load_assumptions(project.root).headlines:
         assert not {*plain(each.says)} & {*"$\\{}"}
 
@@ -112,8 +102,8 @@ def test_each_lesson_has_evidence(project: Project) -> None:
 
 
 def test_what_a_parameter_stands_for_is_no_setting_of_the_scene(project: Project) -> None:
-    names = {p.name for p in asked_schema(project.root, project.find("p1-training"), ["heading"])
-             .parameters}  # fmt: skip
+    schema = asked_schema(project.root, project.find("p1-training"), ["heading"])
+    names = {parameter.name for parameter in schema.parameters}
     assert {"heading", "spacing", "lost_every"} < names
     assert not {"noise", "periods"} & names  # range_noise and period_area1 set them
 
@@ -149,6 +139,8 @@ def test_a_quick_request_is_one_of_the_core_with_fewer_runs(project: Project) ->
     fusion = project.find("p2-fusion")  # whose core does not know of this parameter
     whole = quick_request(project.root, fusion, {"most_clusters": 4})
     assert (whole.core, whole.parameters["runs"]) == (False, 64)
+    outside = quick_request(project.root, project.find("lesson-2"), {"seed": 7})
+    assert (outside.parameters, outside.overlay) == ({"seed": 7}, {})  # no chapter of the study
 
 
 def test_a_quick_answer_has_what_the_core_found_and_no_more() -> None:
@@ -157,8 +149,3 @@ def test_a_quick_answer_has_what_the_core_found_and_no_more() -> None:
         "- error: 1 m (0.9 to 1.1) -> 2 m (1.9 to 2.1)",
         "- A length that is made here: 2 m (1.9 to 2.1) -> 3 m (2.9 to 3.1)",
     ]
-
-
-def test_a_chapter_outside_the_study_is_run_whole(project: Project) -> None:
-    quick = quick_request(project.root, project.find("lesson-2"), {"seed": 7})
-    assert (quick.parameters, quick.overlay) == ({"seed": 7}, {})

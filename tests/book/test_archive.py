@@ -6,12 +6,11 @@ import json
 import os
 import shutil
 import zipfile
-from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
 
 import pytest
-from conftest import Done, MiniProject, git
+from conftest import Command, MiniProject, git
 from inswsn_book.archive import main, write_archive
 from inswsn_book.project import Project
 from rocrate.rocrate import ROCrate
@@ -32,8 +31,8 @@ def archived(released_mini: Path, tmp_path_factory: pytest.TempPathFactory) -> P
     return write_archive(Project(released_mini), tmp_path_factory.mktemp("archive") / "mini.zip")
 
 
-def test_two_archives_of_one_build_are_the_same(
-    released: MiniProject, archived: Path, inswsn: Callable[..., Done]
+def test_two_archives_of_a_build_agree(
+    released: MiniProject, archived: Path, inswsn: Command
 ) -> None:
     done = inswsn(released.root, command=main)
     assert done.returncode == 0, done.stderr
@@ -60,9 +59,7 @@ def test_every_file_has_its_digest_and_every_run_its_description(
     assert len({entity["@id"] for entity in described}) == len(described)
 
 
-def test_what_may_not_be_archived_is_refused(
-    released: MiniProject, inswsn: Callable[..., Done]
-) -> None:
+def test_what_may_not_be_archived_is_refused(released: MiniProject, inswsn: Command) -> None:
     done = inswsn(released.root, "--output", "mini.tar", command=main)
     assert "--output must be a file that ends in .zip, not 'mini.tar'." in done.stderr
     released.page("A third page.")

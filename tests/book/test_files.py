@@ -61,9 +61,7 @@ BOMB = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
 )
 
 
-def test_an_alias_stands_for_what_it_names_and_does_not_multiply(
-    read: Callable[[str], Any],
-) -> None:
+def test_an_alias_is_what_it_names_and_does_not_multiply(read: Callable[[str], Any]) -> None:
     assert read("{a: &x [1, 2], b: *x}") == {"a": [1, 2], "b": [1, 2]}
     assert len(BOMB) < 400
     tracemalloc.start()
@@ -133,9 +131,7 @@ def test_digests(tmp_path: Path) -> None:
     assert tree_digest(tmp_path, [one, two]) != before
 
 
-def test_a_file_is_written_whole_or_not_at_all(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_is_written_whole_or_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(_: int) -> None:
         raise KeyboardInterrupt
 

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from conftest import Done, MiniProject
+from conftest import Command, MiniProject
 from hypothesis import given, strategies as st
 from inswsn_book.files import write_listed
 from inswsn_book.judging import Release, judge, judge_claims, read_verdicts
 from inswsn_book.project import Project
-from inswsn_book.results import Quantity, Results, results_text
+from inswsn_book.results import results_text
 from inswsn_book.review import load_entries
+from made_results import quantity, results
 
 from inswsn_lib.errors import InswsnError
 
@@ -22,7 +22,7 @@ CONTRADICTED = "contradicted by the paper itself"
 
 
 @pytest.fixture
-def listed(project: Project, inswsn: Callable[..., Done]) -> list[dict]:
+def listed(project: Project, inswsn: Command) -> list[dict]:
     """The claims as JSON; a fresh clone needs no build."""
     return json.loads(inswsn(project.root, "claims", "--json").stdout)
 
@@ -31,14 +31,11 @@ def test_a_claim_with_its_verdict(listed: list[dict]) -> None:
     (row,) = (entry for entry in listed if entry["id"] == "P1-T1-10-mpos")
     assert row["published"]["value"] == "0.1452"
     assert row["rebuilt"]["value"] == pytest.approx((0.2903 + 0.1063) / 2)
-    assert (row["verdict"], row["chapter"], row["cell"][:5]) == (
-        CONTRADICTED,
-        "printed-numbers",
-        "print",
-    )
+    assert (row["verdict"], row["chapter"]) == (CONTRADICTED, "printed-numbers")
+    assert row["cell"].startswith("print")
 
 
-def test_claims_are_selected_and_counted(project: Project, inswsn: Callable[..., Done]) -> None:
+def test_claims_are_selected_and_counted(project: Project, inswsn: Command) -> None:
     words = ("--paper", "P1", "--verdict", CONTRADICTED, "--kind", "numeric")
     lines = inswsn(project.root, "claims", *words).stdout.splitlines()
     # seven means of Table 1, three and four percentages; none rests on an assumption
@@ -47,17 +44,13 @@ def test_claims_are_selected_and_counted(project: Project, inswsn: Callable[...,
     chosen = json.loads(inswsn(project.root, "claims", *words, "--json").stdout)
     assert len(chosen) == 14
     assert all(any(entry["id"] in line for line in lines) for entry in chosen)
-    assert {(e["paper"], e["kind"], e["verdict"]) for e in chosen} == {
-        ("P1", "numeric", CONTRADICTED)
-    }
+    told = {(entry["paper"], entry["kind"], entry["verdict"]) for entry in chosen}
+    assert told == {("P1", "numeric", CONTRADICTED)}
 
 
 def test_results_of_another_folder_go_first(mini: MiniProject, tmp_path: Path) -> None:
-    fields = {"unit": "m", "how": "For a test.", "basis": "printed", "tolerance": 0}
     for folder, value in ((mini.published, 42.0), (tmp_path / "run", 63.0)):
-        twice = Quantity(name="twice", value=value, **fields)
-        made = Results(chapter="00", parameters={}, data={}, quantities=(twice,))
-        write_listed(folder, {"00.json": results_text(made)})
+        write_listed(folder, {"00.json": results_text(results(quantity("twice", value)))})
     for folder, verdict in ((None, "adds up in print"), (tmp_path / "run", CONTRADICTED)):
         found = [str(entry.verdict) for entry in judge_claims(mini, folder)]
         assert found == [verdict, "cannot be tested"]
@@ -68,24 +61,19 @@ def test_a_bare_verdict_stands_for_those_with_an_assumption_as_well(
 ) -> None:
     for words in ("not reproduced", "not reproduced under a stated assumption"):
         found = judge_claims(project, verdict=words)
-        assert [e.claim.id for e in found] == [
-            row["id"] for row in listed if row["verdict"].startswith(words)
-        ]
+        expected = [row["id"] for row in listed if row["verdict"].startswith(words)]
+        assert [entry.claim.id for entry in found] == expected
     assert any(row["assumption"] for row in listed if row["verdict"].startswith("not reproduced"))
     assert {row["id"] for row in listed if row["verdict"] == "not reproduced"} > set()
 
 
 def test_a_claim_tells_what_a_release_made_of_it(mini: MiniProject) -> None:
-    twice = Quantity(
-        name="twice", value=42.0, unit="m", how="For a test.", basis="printed", tolerance=0
-    )
-    made = Results(chapter="00", parameters={}, data={}, quantities=(twice,))
     folder = mini.root / "data/verdicts"
     folder.mkdir()
     for version, verdict in (("1.0.0", "reproduced"), ("1.1.0", "adds up in print")):
         text = f"version: {version}\nday: 2026-11-22\nverdicts: {{P1-M-twice: {verdict}}}\n"
         (folder / f"{version}.yaml").write_text(text)
-    first, second = judge(mini.root, [made])
+    first, second = judge(mini.root, [results(quantity("twice", 42.0))])
     assert first.earlier == (("1.0.0", "2026-11-22", "reproduced"),)
     assert first.as_json()["earlier"] == {"1.0.0": "reproduced"}
     assert second.earlier == ()  # it was not in these
@@ -100,7 +88,7 @@ def test_the_verdicts_of_a_release_are_of_claims_that_there_are(listed: list[dic
 
 
 def test_verdicts_are_compared_with_those_of_another_version(
-    project: Project, inswsn: Callable[..., Done], listed: list[dict], tmp_path: Path
+    project: Project, inswsn: Command, listed: list[dict], tmp_path: Path
 ) -> None:
     before = tmp_path / "verdicts.json"
     before.write_text(json.dumps(listed))

@@ -128,9 +128,7 @@ def test_no_line_is_drawn_over_a_gap(found: Examined, shown: dict[str, Any]) -> 
     assert [bool(line["label"]) for line in lines] == [False] * (pieces - 1) + [True]
 
 
-def test_it_is_what_the_chapter_has_published(
-    found: Examined, published: dict[str, Results]
-) -> None:
+def test_it_is_what_the_chapter_published(found: Examined, published: dict[str, Results]) -> None:
     results = published["your-own-data"]
     expected = {quantity.name: quantity.value for quantity in results.quantities}
     data = found.data
@@ -147,14 +145,9 @@ def test_it_is_what_the_chapter_has_published(
         assert value == pytest.approx(expected[name], abs=2e-6), name
 
 
-def test_the_file_is_the_one_that_the_chapter_writes(
-    found: Examined, shown: dict[str, Any]
-) -> None:
+def test_the_file_is_that_of_the_chapter(found: Examined, shown: dict[str, Any]) -> None:
     table = pd.read_csv(StringIO(shown["csv"]))
-    assert list(table) == [
-        "time_s",
-        *(name.replace("ins", "corrected") for name in iw.logs.INS),
-    ]
+    assert list(table) == ["time_s", *(name.replace("ins", "corrected") for name in iw.logs.INS)]
     np.testing.assert_allclose(table["time_s"], found.data.time, atol=1e-6)
     np.testing.assert_allclose(
         table.iloc[:, 1:].to_numpy(), found.filtered.corrected, atol=1e-6, equal_nan=True

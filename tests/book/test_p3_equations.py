@@ -22,13 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from inswsn_lib.inertial import metres
 from inswsn_lib.vehicle import STATES
-from inswsn_lib.vehicle.state import (
-    ACCELEROMETER_BIAS,
-    ATTITUDE,
-    GYRO_DRIFT,
-    POSITION,
-    VELOCITY,
-)
+from inswsn_lib.vehicle.state import ACCELEROMETER_BIAS, ATTITUDE, GYRO_DRIFT, POSITION, VELOCITY
 
 DEGREES = np.array([180 / np.pi, 180 / np.pi, 1.0])
 # steps of the differences: large, for what is smooth, so that rounding stays small

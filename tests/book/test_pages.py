@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import nbformat
 import pytest
-from conftest import MiniProject
-from inswsn_book.ledger import Claim, MissingCheck, QuantityCheck
+from conftest import MiniProject, Render
+from inswsn_book.ledger import MissingCheck
 from inswsn_book.pages import (
     context,
     environment,
@@ -20,9 +19,10 @@ from inswsn_book.pages import (
     with_notes,
     with_pictures,
 )
-from inswsn_book.results import Provenance, Results
+from inswsn_book.results import Provenance
 from inswsn_book.runs import Request, Run
 from inswsn_book.verdicts import OUTCOMES, verdicts
+from made_results import claim, results
 
 import inswsn_lib
 from inswsn_lib.errors import BuildError
@@ -33,9 +33,7 @@ MADE = Provenance(
     finished="2026-11-22 06:00 UTC", seconds=12.3, python="3.11.7", system="Linux x86_64",
     blas=("openblas 1, 1 thread",), packages={"numpy": "2.4.0", "scipy": "1.17"},
 )  # fmt: skip
-BARE = Results(
-    chapter="00", parameters={}, data={}, quantities=(), provenance=MADE, cells={"q": "ch00-001"}
-)
+BARE = results(provenance=MADE, cells={"q": "ch00-001"})
 
 
 def rows(text: str, name: str) -> dict[str, list[str]]:
@@ -52,9 +50,7 @@ def rows(text: str, name: str) -> dict[str, list[str]]:
 # Templates ---------------------------------------------------------------------------------------
 
 
-def test_the_counts_of_the_front_page_add_up(
-    render: Callable[..., str], known: dict[str, Any]
-) -> None:
+def test_the_counts_of_the_front_page_add_up(render: Render, known: dict[str, Any]) -> None:
     ((total, outcomes),) = re.findall(r"Of (\d+) claims (.*) \(\{doc\}", render("index"))
     assert int(total) == len(known["judged"])
     counts = [int(count) for count in re.findall(r"\*\*(\d+)\*\* ", outcomes)]
@@ -76,17 +72,17 @@ def test_the_heads_of_chapters(mini: MiniProject, known: dict[str, Any]) -> None
         assert (found["need"], found["minutes"], found["results"]) == (*said, None)
 
 
-def test_the_page_of_many_claims(render: Callable[..., str]) -> None:
+def test_the_page_of_many_claims(render: Render) -> None:
     kinds = ("numeric", "parameter", "qualitative", "formula")
     claims = [
-        Claim(
+        claim(
             id=f"P{1 + i % 3}-X-{i:03d}", paper=f"P{1 + i % 3}", place=f"Table {i}", check=MISSING,
-            says="It is *so* & $x < y$.", kind=kinds[i % 4], why="For a test.",
+            says="It is *so* & $x < y$.", kind=kinds[i % 4], value=None, tolerance=None,
         )
         for i in range(374)
     ]  # fmt: skip
     text = render("claims", judged=verdicts(claims, []))
-    assert all(text.count(f"\n({claim.anchor})=\n") == 1 for claim in claims)
+    assert all(text.count(f"\n({each.anchor})=\n") == 1 for each in claims)
     table = rows(text, "tbl-claims")
     assert table["verdict"] == ["P1", "P2", "P3", "all", "assumed"]
     for name in ("all", "**cannot be decided**", "cannot be tested"):
@@ -97,7 +93,7 @@ def test_the_page_of_many_claims(render: Callable[..., str]) -> None:
     assert set(re.findall(r"body:has\(#(\S+):checked\)", text)) == names
 
 
-def test_the_state_of_the_build_adds_up(render: Callable[..., str], known: dict[str, Any]) -> None:
+def test_the_state_of_the_build_adds_up(render: Render, known: dict[str, Any]) -> None:
     page = render("cite")
     runs, judged = rows(page, "tbl-runs"), rows(page, "tbl-verdicts")
     assert len(runs) == 2 + len(known["chapters"])
@@ -111,9 +107,7 @@ def test_the_state_of_the_build_adds_up(render: Callable[..., str], known: dict[
     assert judged["all"][-1] == str(len(known["judged"]))
 
 
-def test_a_persons_name_is_no_group_in_bibtex(
-    render: Callable[..., str], known: dict[str, Any]
-) -> None:
+def test_a_persons_name_is_no_group_in_bibtex(render: Render, known: dict[str, Any]) -> None:
     authors = ("van Berg, Ana", "Rovers and Co")
     about = known["about"] | {"names": authors, "doi": "10.5281/zenodo.1", "version": "1.2.3"}
     page = render("cite", about=about)
@@ -159,21 +153,18 @@ def test_the_provenance_of_a_run(root: Path, facts: dict[str, Any], words: list[
     ("number", "said"),
     [(1, "decides the claim ["), (2, "decides the claims ["), (6, "decides 6 claims\n")],
 )
-def test_a_cell_that_decides_is_preceded_by_links(
+def test_links_precede_a_cell_that_decides(
     root: Path, number: int, said: str, hidden: bool
 ) -> None:
     cell = nbformat.v4.new_code_cell("x", metadata={"tags": ["remove-cell"] if hidden else []})
     cell["id"] = "ch00-001"
-    claims = [
-        Claim(id=f"P1-{i}", paper="P1", place="Here", says="So.", value="1", kind="numeric",
-              check=QuantityCheck(chapter="00", quantity="q"), tolerance="digits", why="So.")
-        for i in range(number)
-    ]  # fmt: skip
+    check = {"chapter": "00", "quantity": "q"}
+    claims = [claim(id=f"P1-{i}", check=check) for i in range(number)]
     notebook = nbformat.v4.new_notebook(cells=[cell])
     before, _, _ = with_notes(notebook, BARE, claims, environment(root)).cells
     assert before["id"] == "ch00-001-claims"
     assert before.source.startswith("(cell-ch00-001)=\n:::{")
-    assert all(f"[{claim.id}](#{claim.anchor})" in before.source for claim in claims)
+    assert all(f"[{each.id}](#{each.anchor})" in before.source for each in claims)
     assert ("left out here" in before.source) is hidden
     assert said in before.source
 

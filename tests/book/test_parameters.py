@@ -1,4 +1,4 @@
-"""Declared parameters: what a declaration takes and refuses, and that values are enforced."""
+"""Declared parameters: what a declaration takes and refuses; those of chapters and their cores."""
 
 from __future__ import annotations
 
@@ -40,8 +40,7 @@ NAMES = [parameter.name for parameter in SCHEMA.parameters]
 def test_a_cell_is_read() -> None:
     assert SCHEMA.defaults == {
         "width": 2.5, "samples": 100, "form": "exact", "draw": True, "share": 0.5,
-        "offset": 0.0,
-        "learner": "a.b:C",
+        "offset": 0.0, "learner": "a.b:C",
     }  # fmt: skip
     width = SCHEMA["width"]
     assert (width.kind, width.unit) == ("float", "points")
@@ -120,13 +119,10 @@ def test_texts(name: str, text: str, value: object) -> None:
         ("form", "other", "form must be one of exact, printed, not 'other'."),
         ("draw", 1, "draw must be true or false, not 1."),
         ("learner", 3, f"learner must be {SCHEMA['learner'].allowed}, not 3."),
-        (
-            "wdith",
-            1.0,
-            f"parameter must be one of {', '.join(NAMES)} (the nearest is width), not 'wdith'.",
-        ),
+        ("wdith", 1.0, f"parameter must be one of {', '.join(NAMES)} (the nearest is width), not "
+         "'wdith'."),
     ],
-)
+)  # fmt: skip
 def test_a_refusal_is_one_sentence(name: str, value: object, sentence: str) -> None:
     with pytest.raises(ParameterError) as refusal:
         SCHEMA.check({name: value})
@@ -138,18 +134,10 @@ def test_a_refusal_is_one_sentence(name: str, value: object, sentence: str) -> N
     [
         *("x: int = 1", "x: list = []  # m; any", "x: int  # m; any", "x: int = 1  # m; positive"),
         *("x: int = 1  # m; in (0, y)", "x: int = 1  # m; in [0, inf]", "print(1)  # m; any"),
-        *(
-            "x: int = 1  # m; in [3, 1]",
-            "x: int = 1  # m; in [nan, 1]",
-            "x: int = 1  # m; in [2, 9]",
-        ),
+        *(f"x: int = 1  # m; in [{ends}]" for ends in ("3, 1", "nan, 1", "2, 9")),
         *("x: float = 1  # m; in [0, 1)", "x: int = 1  # m; a regressor", "x: int = = 1  # m; any"),
         *("x: bool = True  # 1; a regressor", "x: str = 'a:B'  # 1; a regressor, a file"),
-        *(
-            "x: int = {[]: 1}  # m; any",
-            "x: int = (  # m; any",
-            f"x: int = {'-' * 9999}1  # m; any",
-        ),
+        *(f"x: int = {value}  # m; any" for value in ("{[]: 1}", "(", f"{'-' * 9999}1")),
         *("x: str = 3  # 1; a regressor", "x: int = len('ab')  # m; any", "x = 1  # m; any"),
         "x: int = 1  # m; any\n# Y.\nx: int = 2  # m; any",
     ],
@@ -157,11 +145,8 @@ def test_a_refusal_is_one_sentence(name: str, value: object, sentence: str) -> N
 def test_a_bad_declaration_is_refused(line: str) -> None:
     with pytest.raises(InswsnError):
         read_schema(f"# X.\n{line}")
-
-
-def test_a_declaration_without_a_meaning_is_refused() -> None:
     with pytest.raises(InswsnError, match="is not a declaration of the form"):
-        read_schema("x: int = 1  # m; any")
+        read_schema("x: int = 1  # m; any")  # without a meaning
 
 
 @pytest.mark.parametrize(
@@ -210,3 +195,39 @@ def test_every_parameter_of_a_chapter_is_used_and_not_only_recorded(project: Pro
             read |= {field.name for field in fields(load_core(core))}
         unused = set(chapter_schema(project.root, chapter.id).defaults) - read
         assert unused == set(), chapter.name
+
+
+#: Parameters that change other sections of a chapter only
+OTHER_SECTIONS = {
+    "p1-lmi": {"jitter", "systems", "runs", "seed"},
+    "p1-training": set(),
+    "p1-outages": {"networks"},
+    "p2-fusion": {"fading_length", "most_clusters"},
+    "p3-vehicle": {"sweep_draws", "recorded_draws"},
+}
+
+
+def test_every_core_is_looked_at(project: Project) -> None:
+    named = {c.id: core_name(c.source.read_text("utf-8")) for c in project.chapters()}
+    assert {number for number, name in named.items() if name} == {*OTHER_SECTIONS}
+
+
+@pytest.mark.parametrize("number", OTHER_SECTIONS)
+def test_a_core_takes_the_parameters_of_its_chapter(project: Project, number: str) -> None:
+    declared = chapter_schema(project.root, number).defaults
+    name = core_name(project.by_id(number).source.read_text(encoding="utf-8"))
+    own = {f.name: f.default for f in fields(load_core(str(name))) if f.name != "published"}
+    assert {*own} == {*declared} - OTHER_SECTIONS[number]
+    assert own == {name: declared[name] for name in own}
+    assert {n: type(v) for n, v in own.items()} == {n: type(declared[n]) for n in own}
+
+
+def test_a_core_that_is_not_there_is_named() -> None:
+    for name in ("inswsn_lib.navigation:Nothing", "inswsn_lib.nothing:TrainingAreas"):
+        with pytest.raises(InswsnError, match=f"There is no core {name}"):
+            load_core(name)
+
+
+def test_the_head_alone_names_a_core() -> None:
+    assert core_name("---\ncore: module:Class\n---\n") == "module:Class"
+    assert core_name("---\na: b\n---\ncore: module:Class\n") is None

@@ -1,4 +1,4 @@
-"""Notebooks that read anywhere: each form of MyST in plain Markdown, and the twins in git."""
+"""Chapters as notebooks: read from their sources, kept as they ran, and in plain Markdown."""
 
 from __future__ import annotations
 
@@ -10,18 +10,41 @@ import sys
 import nbformat
 import pytest
 from conftest import MiniProject, assert_plain
-from inswsn_book.notebooks import notebook_text, read_source
+from inswsn_book.notebooks import notebook_text, read_source, strip_run
 from inswsn_book.plain import PlainBook, stale_twins
 from inswsn_book.project import ROOT_VARIABLE, Project
-from inswsn_book.results import Quantity, Results
+from made_results import quantity, results
 
-FOUND = Results(
-    chapter="00", parameters={}, data={}, words={"said": "2 to 4", "fig-x": "What $x$ does."},
-    quantities=[
-        Quantity(name=name, value=value, unit="m", basis="printed", how="For a test.", tolerance=0)
-        for name, value in (("whole", 42.0), ("part", 2.345))
+from inswsn_lib.errors import InswsnError
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (":tags: [parameters]", "", "has 0 cells tagged parameters"),
+        ("record.write()", ":tags: [parameters]\n\n1", "has 2 cells tagged parameters"),
+        ("{text_representation", "[", "is not a MyST notebook"),
     ],
-)  # fmt: skip
+)
+def test_what_is_no_chapter_is_refused(mini: MiniProject, old: str, new: str, said: str) -> None:
+    mini.source.write_text(mini.source.read_text().replace(old, new))
+    with pytest.raises(InswsnError, match=said):
+        read_source(mini.chapters()[0])
+
+
+def test_a_stripped_run_has_no_time_and_no_path(mini: MiniProject) -> None:
+    notebook = read_source(mini.chapters()[0])
+    notebook.metadata["papermill"] = {"start_time": "now", "input_path": "/somewhere"}
+    cell = next(cell for cell in notebook.cells if cell.cell_type == "code")
+    cell.metadata |= {"papermill": {"duration": 1.0}, "execution": {"iopub.execute_input": "now"}}
+    cell.outputs = [nbformat.v4.new_output("display_data", data={"text/plain": "kept"})]
+    text = json.dumps(strip_run(notebook))
+    words = ("papermill", "now", "/somewhere", "kept")
+    assert [word in text for word in words] == [False, False, False, True]
+
+
+WORDS = {"said": "2 to 4", "fig-x": "What $x$ does."}
+FOUND = results(quantity("whole", 42.0), quantity("part", 2.345), words=WORDS)
 LABELS = """
 ```{math}
 :label: eq-a
@@ -150,8 +173,7 @@ def test_the_kept_twins_read_anywhere(project: Project) -> None:
 
 def test_a_twin_holds_no_output_and_is_written_where_it_is_stale(mini: MiniProject) -> None:
     (chapter,) = mini.chapters()
-    mini.publish(FOUND.model_copy(update={"quantities": (FOUND["whole"].model_copy(
-        update={"name": "twice"}),)}))  # fmt: skip
+    mini.publish(results(quantity("twice", 42.0)))
     text, lost = str(stale_twins(mini)[chapter.twin]), mini.root / "chapters" / "07-lost.ipynb"
     assert "The number is **42**." in text
     cells = json.loads(text)["cells"]

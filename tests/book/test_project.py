@@ -28,9 +28,7 @@ def test_the_root_is_found_from_below_or_named(
     assert find_root() == root
 
 
-def test_lessons_come_first_and_each_chapter_is_found_by_number_and_name(
-    mini: MiniProject,
-) -> None:
+def test_lessons_come_first_and_each_chapter_is_found_by_number_and_name(mini: MiniProject) -> None:
     folder = mini.source.parent
     for name in ("2-two", "1-one", "evidence/p1-proof", "words"):
         (folder / name).parent.mkdir(exist_ok=True)

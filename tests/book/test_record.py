@@ -99,9 +99,7 @@ def test_refusals(
     ("parameters", "said"),
     [({"scale": 1000.0}, "scale must be a number in"), ({}, "keeps no record of its parameter")],
 )
-def test_plain_papermill_is_held_to_the_declaration(
-    mini: MiniProject, parameters: dict, said: str
-) -> None:
+def test_papermill_is_held_to_declarations(mini: MiniProject, parameters: dict, said: str) -> None:
     with pytest.raises(InswsnError, match=said):
         ChapterRecord("00", parameters=parameters, root=mini.root)
 
@@ -124,7 +122,7 @@ def test_papermill_sets_no_name_that_the_chapter_does_not_declare(
     assert (mini.results / "00.json").exists() is (status == 0)
 
 
-def test_a_reference_quantity_is_noted_by_what_is_said_of_it(
+def test_a_reference_is_noted_by_what_is_said_of_it(
     record: ChapterRecord, mini: MiniProject
 ) -> None:
     def publish(value: float, other: float = 0.0, **changes: object) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,30 +12,16 @@ from hypothesis import given, strategies as st
 from inswsn_book.results import (
     SCHEMA_VERSION,
     Provenance,
-    Quantity,
-    Results,
     quantity_digest,
     read_results,
     write_results,
 )
+from made_results import quantity as made_quantity, results
 from pydantic import ValidationError
 
 from inswsn_lib.errors import InswsnError
 
-
-def quantity(**changes: Any) -> Quantity:
-    fields: dict[str, Any] = {
-        "name": "a.b-c", "value": 1.5, "unit": "m", "basis": "printed",
-        "how": "Computed for a test.", "tolerance": 0.1,
-    }  # fmt: skip
-    return Quantity(**(fields | changes))
-
-
-def results(*quantities: Quantity, **changes: Any) -> Results:
-    fields: dict[str, Any] = {"chapter": "00", "parameters": {}, "data": {}}
-    return Results(**(fields | {"quantities": quantities} | changes))
-
-
+quantity = partial(made_quantity, value=1.5, tolerance=0.1)
 PROVENANCE = Provenance(
     version="0.1.0", commit="0" * 40, clean=True, sources={"library": "1" * 64},
     finished="2026-11-21 10:00 UTC", seconds=1.5, python="3.11.7", system="Linux x86_64",

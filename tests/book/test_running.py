@@ -14,7 +14,7 @@ from pathlib import Path
 import psutil
 import pytest
 from conftest import (
-    Done,
+    Command,
     MiniProject,
     assert_plain,
     build_once,
@@ -33,8 +33,6 @@ from inswsn_book.running import gather_parameters
 from inswsn_book.site import RenderingError
 
 from inswsn_lib.errors import InswsnError
-
-Command = Callable[..., Done]
 
 # The parameters of a run -------------------------------------------------------------------------
 
@@ -154,7 +152,7 @@ def test_a_run_and_its_comparison(built: MiniProject, tmp_path: Path, inswsn: Co
     assert f"In {folder}: " in done.stdout.splitlines()[-1]
 
 
-def test_the_page_of_a_run_needs_no_built_book(
+def test_the_page_of_a_run_needs_no_book(
     mini: MiniProject, tmp_path: Path, inswsn: Command
 ) -> None:
     done = inswsn(mini.root, "run", "00", "--html", "--out", str(tmp_path / "out"))
@@ -333,7 +331,7 @@ def waited(seconds: float, for_what: Callable[[], object]) -> bool:
 
 @pytest.mark.usefixtures("as_in_a_terminal")
 @pytest.mark.parametrize("how", weekly_but({"SIGHUP"}, ["SIGINT", "SIGTERM", "SIGHUP", "SIGKILL"]))
-def test_a_build_that_is_ended_leaves_nothing_that_stays(
+def test_a_build_that_is_ended_leaves_nothing(
     built: MiniProject, inswsn: Command, how: str
 ) -> None:
     before, number = files_of(built.site), getattr(signal, how)

@@ -6,7 +6,6 @@ import json
 import os
 import sys
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -30,12 +29,13 @@ from inswsn_book.runs import (
     run,
     run_all,
 )
+from made_results import results
 
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.files import DATA_VARIABLE
 
 PLAIN = Request("00")
-EMPTY = Results(chapter="00", parameters={}, data={}, quantities=())
+EMPTY = results()
 
 # The key -----------------------------------------------------------------------------------------
 
@@ -162,7 +162,7 @@ def test_the_machine_of_a_reader_is_a_part_of_the_key(
 
 
 def test_an_entry_holds_while_its_data_are_unchanged(mini: MiniProject) -> None:
-    read = EMPTY.model_copy(update={"data": {"data/papers/number.txt": file_digest(mini.number)}})
+    read = results(data={"data/papers/number.txt": file_digest(mini.number)})
     kept = Run(PLAIN, read, "{}\n", {"note.csv": "a\r\nb\n"})
     with pytest.raises(InswsnError, match="Chapter 00 has not been built as it is now"):
         book_runs(mini)
@@ -199,23 +199,6 @@ def test_an_entry_that_is_damaged_is_none_and_is_told(
     assert told == [f"_build/store/00/{entry.name} is damaged: it is computed anew"]
     keep(mini, PLAIN, Run(PLAIN, EMPTY))  # and another takes its place
     assert entry.read_bytes() == whole
-
-
-def test_two_writers_keep_the_same(mini: MiniProject) -> None:
-    kept, seen = Run(PLAIN, EMPTY, "{}\n", {"note.csv": "a\n"}), []
-
-    def keep_often() -> None:
-        for _ in range(40):
-            keep(mini, PLAIN, kept)
-
-    with ThreadPoolExecutor(2) as pool:
-        writers = [pool.submit(keep_often) for _ in range(2)]
-        while not all(writer.done() for writer in writers):
-            seen.append(lookup(mini, PLAIN))
-    assert [writer.exception() for writer in writers] == [None, None]
-    assert all(found in (None, kept) for found in seen)
-    assert lookup(mini, PLAIN) == kept
-    assert len(list((mini.store / "00").iterdir())) == 1
 
 
 def test_old_entries_go_but_for_the_last_few(mini: MiniProject) -> None:
@@ -290,7 +273,6 @@ def test_an_overlay_is_as_an_edited_checkout(mini: MiniProject) -> None:
     assert edited.results.found() == over.results.found()
     assert edited.notebook == over.notebook
     made = over.results.provenance
-    assert made is not None
     assert made.sources["chapter"] == file_digest(mini.source)
 
 
@@ -328,7 +310,6 @@ def test_other_prose_is_woven_around_what_the_cells_gave(mini: MiniProject) -> N
         recording = "```{code-cell} ipython3\nfrom inswsn_book"
         mini.source.write_text(text.replace(recording, f"+++\n\nA word.\n\n+++\n\n{recording}"))
         found, anew = lookup(mini, request), run(mini, request, Quiet(), fresh=True)
-        assert found is not None
         assert found.notebook == anew.notebook != first.notebook
         assert found.results.found() == anew.results.found()
         assert found.results.cells != first.results.cells  # cells are named by their places
@@ -367,9 +348,7 @@ def test_runs_go_side_by_side_and_a_failure_stops_all_or_not(mini: MiniProject) 
         run_all(mini, asked, Quiet())
 
 
-def test_chapters_that_take_long_come_first(
-    mini: MiniProject, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_chapters_that_take_long_begin(mini: MiniProject, monkeypatch: pytest.MonkeyPatch) -> None:
     took = {"00": 1.0, "01": 30.0, "02": None, "03": 30.0, "04": 4.0}  # 02 was never published
     order: list[str] = []
 

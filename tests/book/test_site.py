@@ -1,22 +1,25 @@
-"""The site: when it is out of date, and that a changed page is rendered as all of them are."""
+"""The site: when it is out of date, what it tells of its origin, that parts make the same whole."""
 
 from __future__ import annotations
 
+import platform
 import shutil
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
-from conftest import MiniProject, files_of, run_command
+from conftest import MiniProject, files_of, git, run_command
 from inswsn_book import site
 from inswsn_book.files import seal_folder
-from inswsn_book.results import Results
+from inswsn_book.provenance import machine_facts, repository_state
 from inswsn_book.runs import Request, Run
-from inswsn_book.site import require_current_site
+from inswsn_book.site import footer, require_current_site
+from made_results import results
 
 from inswsn_lib.errors import InswsnError
 
-BARE = Results(chapter="00", parameters={}, data={}, quantities=())
+BARE = results()
 
 
 @pytest.mark.parametrize(
@@ -38,9 +41,7 @@ def test_a_site_is_out_of_date_once_a_source_differs(mini: MiniProject, path: st
     seal_folder(mini.site)
     assert current(one)
     assert not current(replace(one, notebook="{ }"))
-    assert not current(
-        replace(one, results=BARE.model_copy(update={"solvers": {"CLARABEL": "optimal"}}))
-    )
+    assert not current(replace(one, results=results(solvers={"CLARABEL": "optimal"})))
     (mini.root / path).write_text((mini.root / path).read_text() + "\n")
     assert not current(one)
 
@@ -66,9 +67,7 @@ def rendered(project: MiniProject) -> str:
 
 
 @pytest.mark.whole
-def test_changed_pages_are_rendered_alone_and_as_all_would_be(
-    built: MiniProject, tmp_path: Path
-) -> None:
+def test_changed_pages_are_rendered_alone_as_all_are(built: MiniProject, tmp_path: Path) -> None:
     """One word of a chapter, a new heading, and results that another page shows."""
     text, kept = built.source.read_text(), built.build / "pages"
     written = kept / "html" / "claims.html"
@@ -113,3 +112,35 @@ def test_what_a_change_elsewhere_breaks_is_found(built: MiniProject) -> None:
         assert files_of(built.site) == before
     built.page()
     rendered(built)
+
+
+def test_the_state_of_a_checkout(mini: MiniProject, monkeypatch: pytest.MonkeyPatch) -> None:
+    root = mini.root
+    assert repository_state(root) == (None, None)
+    git(root, "init", "-q")
+    assert repository_state(root) == (None, None)  # no commit yet
+    assert "from files that are not a git checkout, env" in footer(mini)
+    git(root, "add", ".")
+    git(root, "commit", "-qm", "first")
+    head = git(root, "rev-parse", "HEAD")
+    assert repository_state(root) == (head, True)
+    assert f"from commit {head[:12]}, environment.lock" in footer(mini)
+    mini.number.write_text("1")
+    assert repository_state(root) == (head, False)
+    assert f"commit {head[:12]} with changes that were not committed, env" in footer(mini)
+    # a copy that lies inside another repository has no commit of its own
+    assert repository_state(root / "data") == (None, None)
+    monkeypatch.setenv("PATH", "")  # no git at all
+    assert repository_state(root) == (None, None)
+
+
+def test_what_is_told_of_the_machine() -> None:
+    facts = machine_facts()
+    assert facts["python"] == platform.python_version()
+    assert facts["packages"]["numpy"] == version("numpy")
+    assert "scikit-image" not in facts["packages"]
+    assert facts["cores"] >= 1
+    assert facts["cpu"].strip()
+    # numpy and scipy have a linear algebra each, with the one thread of these tests
+    assert len(facts["blas"]) >= 1
+    assert all(library.endswith(", 1 thread") for library in facts["blas"])

@@ -15,7 +15,7 @@ from urllib.parse import parse_qs, urlsplit
 
 import pytest
 from bs4 import BeautifulSoup
-from conftest import REPOSITORY, MiniProject, git
+from conftest import REPOSITORY, MiniProject, Render, git
 from docutils import nodes
 from docutils.utils import new_document
 from inswsn_book import sphinx_ext
@@ -24,7 +24,7 @@ from sphinx import addnodes
 
 
 @pytest.fixture
-def launch(render: Callable[..., str], known: dict[str, Any]) -> Callable[[str | None], str]:
+def launch(render: Render, known: dict[str, Any]) -> Callable[[str | None], str]:
     """The page on where to run a chapter, of version 1.2.3 at some address."""
 
     def page(repository: str | None) -> str:
@@ -83,7 +83,7 @@ def test_the_rendered_pages_with_a_repository(built_mini: Path, released_mini: P
 # The page ----------------------------------------------------------------------------------------
 
 
-def test_the_cell_for_colab_does_what_it_says(launch: Callable[..., str], tmp_path: Path) -> None:
+def test_the_cell_for_colab_does_what_it_says(launch: Render, tmp_path: Path) -> None:
     """It clones the tag into the folder that it then enters, below what pip is to install."""
     origin = tmp_path / "origin"
     for name in ("pyproject.toml", "book/pyproject.toml", "chapters/00-a.ipynb"):
@@ -102,15 +102,12 @@ def test_the_cell_for_colab_does_what_it_says(launch: Callable[..., str], tmp_pa
         assert (folder / package / "pyproject.toml").is_file()
 
 
-def test_the_comparison_that_the_page_gives_for_colab(
-    launch: Callable[..., str], root: Path
-) -> None:
+def test_the_comparison_that_the_page_gives_for_colab(launch: Render, root: Path) -> None:
     """It runs by the library of the checkout, whatever pip has installed beside it."""
     assert "http" not in launch(None)  # no address of a repository, and so no cell
     found = re.search(
         r"^!cd \.\. && python (.*) results/p1-training\.json$", launch(REPOSITORY), re.M
     )
-    assert found is not None
     words = [*found[1].split(), "data/published/p1-training.json"]
     done = subprocess.run([sys.executable, *words], cwd=root, capture_output=True, text=True,
                           check=True)  # fmt: skip

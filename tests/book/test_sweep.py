@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 
 import distributed
 import pytest
-from conftest import Done, MiniProject, SweepProject
+from conftest import Command, MiniProject, SweepProject
 from inswsn_book.parameters import chapter_schema
 from inswsn_book.project import Project
 from inswsn_book.runs import Request, lookup
@@ -111,7 +111,7 @@ def test_what_is_asked_of_a_chapter_without_a_core_is_refused(project: Project) 
 
 
 def test_what_a_sweep_of_a_core_leaves(
-    swept: SweepProject, inswsn: Callable[..., Done], cluster: Callable[..., str]
+    swept: SweepProject, inswsn: Command, cluster: Callable[..., str]
 ) -> None:
     root, at = swept.project.root, ("--dask", cluster())
     done = inswsn(root, *swept.words("0.5,4", *at))
@@ -164,7 +164,7 @@ def test_what_a_sweep_of_a_core_leaves(
 
 
 def test_a_chapter_without_a_core_is_executed(
-    mini: MiniProject, inswsn: Callable[..., Done], cluster: Callable[..., str]
+    mini: MiniProject, inswsn: Command, cluster: Callable[..., str]
 ) -> None:
     words = ["sweep", "00", "--grid", "scale=1,3", "--out", "made", "--dask", cluster()]
     done = inswsn(mini.root, *words)
@@ -182,7 +182,7 @@ def test_a_chapter_without_a_core_is_executed(
 )
 def test_workers_that_would_find_other_numbers_are_refused(
     swept: SweepProject,
-    inswsn: Callable[..., Done],
+    inswsn: Command,
     cluster: Callable[..., str],
     monkeypatch: pytest.MonkeyPatch,
     threads: int,
@@ -199,7 +199,7 @@ def test_workers_that_would_find_other_numbers_are_refused(
 
 @pytest.mark.parametrize("comes", [False, True])
 def test_a_sweep_whose_only_worker_is_gone_takes_a_new_one_or_ends(
-    swept: SweepProject, inswsn: Callable[..., Done], monkeypatch: pytest.MonkeyPatch, comes: bool
+    swept: SweepProject, inswsn: Command, monkeypatch: pytest.MonkeyPatch, comes: bool
 ) -> None:
     scheduler = distributed.LocalCluster(
         n_workers=0, processes=False, dashboard_address=None, protocol="tcp"

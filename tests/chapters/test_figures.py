@@ -9,13 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from inswsn_book.legible import (
-    label_lines,
-    least_points,
-    legend_of,
-    place_labels,
-    texts_in_the_way,
-)
+from inswsn_book.legible import label_lines, least_points, legend_of, place_labels, texts_in_the_way
 from inswsn_book.project import Project
 from inswsn_book.runs import Request, lookup
 from matplotlib import pyplot as plt

@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import nbformat
-import numpy as np
 import pytest
-from conftest import weekly_but
+from conftest import same, weekly_but
 from inswsn_book.live.measured import Measured, measure
 from inswsn_book.project import Project
 from test_lessons import LESSONS, executed
@@ -29,17 +28,6 @@ def said(outputs: list[Any]) -> tuple[str, dict[str, Any]]:
     pages = [o.data.get("text/html", "") for o in outputs if o.output_type == "display_data"]
     found = [match for page in pages for match in _FIGURE.findall(page)]
     return text, {unescape(name): json.loads(content) for name, content in found}
-
-
-def same(here: Any, there: Any) -> bool:
-    """Whether two contents differ by no more than rounding: compiled loops round otherwise."""
-    if isinstance(here, dict):
-        return here.keys() == there.keys() and all(same(here[k], there[k]) for k in here)
-    if isinstance(here, list):
-        return len(here) == len(there) and all(map(same, here, there))
-    if isinstance(here, float | int) and not isinstance(here, bool):
-        return bool(np.isclose(here, there, rtol=1e-3, atol=1e-3))
-    return bool(here == there)
 
 
 @pytest.mark.parametrize("number", weekly_but({"lesson-1", "lesson-2", "lesson-3"}, LESSONS))
@@ -64,9 +52,7 @@ def test_what_is_missing_is_named(project: Project, monkeypatch: pytest.MonkeyPa
     assert needs == ["", "scipy", "scipy", ""]
 
 
-def test_what_is_installed_here_is_not_in_the_page(
-    project: Project, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_installed_is_not_there(project: Project, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("inswsn_book.live.measured.sources_of", lambda *_: ["import pytest"])
     with pytest.raises(BuildError, match=r"(?s)Cell 1 of none fails .*No module named 'pytest'"):
         measure(project, "none")

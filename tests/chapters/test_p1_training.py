@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from inswsn_book.project import Project
-from inswsn_book.results import Results, read_results
+from inswsn_book.results import Results
 from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
 
+CHAPTER = "p1-training"
 HALF_NORMAL = np.sqrt(2 / np.pi)  # mean absolute value of a standard normal number
-
-
-@pytest.fixture(scope="module")
-def results(built_site: Path, project: Project) -> Results:
-    return read_results(project.results / "p1-training.json")
 
 
 BY_HAND = {
@@ -80,38 +73,6 @@ def test_designs_have_the_known_gamma_of_identities(results: Results) -> None:
     A[0, 2] = A[1, 3] = 0.2
     expected = np.sqrt(np.linalg.eigvalsh(np.eye(4) + A @ A.T).max())
     assert results["design.deadbeat1"].value == pytest.approx(expected, rel=1e-6)
-
-
-def test_cells_that_were_fitted_are_not_found(results: Results) -> None:
-    roles = {q.name: q.role for q in results.quantities}
-    assert roles["table2.ins.rx1"] == "calibrated"
-    assert roles["table2.ins.vy2"] == "found"  # left out of the fit
-    assert roles["table2.hf-printed-predicted.vx1"] == "calibrated"
-    assert roles["table2.hf-printed-predicted.rx1"] == "found"
-    assert {roles[f"table2.kf-matched-filtered.{c}"] for c in ("rx1", "vy2")} == {"found"}
-
-
-def test_every_cell_of_table_2_has_an_interval_of_runs(results: Results) -> None:
-    cells = [q for q in results.quantities if q.name.startswith("table2.ins.")]
-    assert len(cells) == 8
-    for q in cells:
-        assert q.interval is not None
-        assert q.interval_kind == "runs 95 %"
-        assert q.runs == 1024
-
-
-def test_what_the_introduction_claims_by_closed_forms(results: Results) -> None:
-    # a quarter of the nodes: the root of four, a little more near the edge where few are left
-    assert 1.8 < results["wsn.sparse"].value < 3
-    # the rate of rotation has three components: three axes, or two pairs at right angles
-    assert results["gyros.one-axis"].value == 3
-    assert results["gyros.two-axis"].value == 2
-    # eight anchors around the tag and ranges good to 0.1 m: 0.1 m in the plane, not metres
-    assert 0.03 < results["radio.accuracy"].value < 0.2
-    assert results["radio.accuracy"].basis == "recorded"
-    rises = [results[f"fair.mistuned-{name}"].value for name in ("hf", "kalman")]
-    assert min(rises) > 0  # a minimum is the least
-    assert results["fair.mistuned"].value == pytest.approx(rises[0] / rises[1])
 
 
 # The percentages of the text ---------------------------------------------------------------------

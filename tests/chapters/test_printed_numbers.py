@@ -15,12 +15,7 @@ from inswsn_book.results import Results, read_results
 
 from inswsn_lib.papers import read_table
 
-
-@pytest.fixture(scope="module")
-def results(built_site: Path, project: Project) -> Results:
-    return read_results(project.results / "printed-numbers.json")
-
-
+CHAPTER = "printed-numbers"
 BY_HAND = {
     # Table 1, counted with a pencil: rows 3, 5 and 6 are right, all ten are off by one row
     "table1.position.rows-own": 3,
@@ -116,18 +111,12 @@ QUICK = {"training_samples": 12, "outage_samples": 12}
 def test_plain_papermill_with_other_parameters(project: Project, tmp_path: Path) -> None:
     """The line at the end of the chapter, as a reader would type it."""
     quick = [word for name, value in QUICK.items() for word in ("-p", name, str(value))]
+    words = ["chapters/evidence/printed-numbers.ipynb", str(tmp_path / "out.ipynb"), *quick]
     done = subprocess.run(
-        [
-            *(sys.executable, "-m", "papermill", "--no-progress-bar"),
-            *("chapters/evidence/printed-numbers.ipynb", str(tmp_path / "out.ipynb")),
-            *("-p", "about_points", "9.5", *quick),
-        ],
-        cwd=project.root,
-        env=os.environ | {RESULTS_VARIABLE: str(tmp_path / "results")},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+        [sys.executable, "-m", "papermill", *words, "-p", "about_points", "9.5"],
+        cwd=project.root, env=os.environ | {RESULTS_VARIABLE: str(tmp_path / "results")},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
     rerun = read_results(tmp_path / "results" / "printed-numbers.json")
     assert rerun.parameters == {"about_points": 9.5, **QUICK}

@@ -46,7 +46,6 @@ def test_what_the_recordings_give_is_what_is_kept_and_published(project: Project
     """Executed on the recordings; what is kept of them is held to the same by each build."""
     made = run_all(project, [Request("p3-vehicle"), Request("recorded-data")], Quiet())
     for run in made:
-        assert run.results.provenance is not None
         assert all(run.results.provenance.studies.values())
         assert all(run.results.sentences.values())
         reference = read_results(project.published / f"{run.request.chapter}.json")
@@ -70,9 +69,7 @@ def test_what_is_published_is_what_is_kept(results: Results, kept: Tables) -> No
     assert all(results.sentences.values())
 
 
-def test_the_replication_is_as_it_was_committed_and_as_it_is_told(
-    root: Path, results: Results
-) -> None:
+def test_the_replication_is_as_it_was_committed_and_told(root: Path, results: Results) -> None:
     """The plan was committed as 8b878d2, before it was run, and the outcome below it as 137ff3d."""
     content = (root / "data/recorded/replication.yaml").read_bytes()
     plan, outcome = content.split(b"outcome:\n")

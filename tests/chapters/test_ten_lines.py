@@ -135,10 +135,6 @@ def test_the_chapter_that_the_page_names_and_what_the_page_shows(
         assert any(abs(value - q.value) <= q.slack for q in found), value
 
 
-def test_61_counted_with_a_pencil(left: dict[str, list[float]]) -> None:
-    assert left["61"] == [3, 10, 8]
-
-
 def least_gamma_by_riccati(A: np.ndarray, C: np.ndarray) -> float:
     """Return the least gamma of a predictor, B = D = L = I, by the filter's Riccati equation."""
     low, high = 1.0, 100.0

@@ -107,17 +107,13 @@ def test_its_code_names_no_file_but_to_the_record(number: str, project: Project)
         ("pd.read_csv(x)", ["read_csv"]),
     ],
 )
-def test_what_may_read_without_a_record_is_found(
-    code: str, found: list[str], project: Project
-) -> None:
+def test_what_reads_without_record_is_found(code: str, found: list[str], project: Project) -> None:
     assert unrecorded(code, project.root / "data") == found
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("number", weekly_but(QUICK.keys() - LONG, sorted(QUICK)))
-def test_it_reads_what_it_says_and_nothing_else(
-    number: str, project: Project, tmp_path: Path
-) -> None:
+def test_it_reads_what_it_says_alone(number: str, project: Project, tmp_path: Path) -> None:
     """An audit hook sees every file that the kernel opens below data/."""
     notebook, log = read_source(project.by_id(number)), tmp_path / "opened"
     notebook.cells.insert(0, nbformat.v4.new_code_cell(SPY.format(log=str(log))))

@@ -4,34 +4,30 @@ from __future__ import annotations
 
 import json
 import shutil
-import threading
 from collections.abc import Iterator
-from functools import partial
 from http import HTTPStatus
-from http.server import ThreadingHTTPServer
 from pathlib import Path
 from typing import Any, ClassVar
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from conftest import FLAGS, PATIENCE, _Quiet
+from conftest import FLAGS, PATIENCE, QuietHandler, same, serving
 from inswsn_book.live.site import lessons, put_in
 from inswsn_book.progress import Quiet
 from inswsn_book.project import Project
 from playwright.sync_api import Browser, Locator, Page
-from visiting import LESSON, OWN_DATA, settled, visit
+from visiting import LESSON, OWN_DATA, Open, opening, settled
 
 pytestmark = pytest.mark.whole
 MINUTES = 60_000
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+sizes = pytest.mark.parametrize("size", [{}, PHONE], ids=["desk", "phone"])
 NAMES = [chapter.name for chapter in lessons(Project(Path(__file__).parents[2]))]
 
 
 @pytest.fixture(scope="module")
-def live(
-    project: Project, built_site: Path, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[tuple[str, Path]]:
-    """A site with Python in it, as `make live` makes it, served from this machine alone.
+def live_site(project: Project, built_site: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A site with Python in it, as `make live` makes it.
 
     What `make wasm` makes has to be there: where these tests run, its lack is a failure.
     """
@@ -39,14 +35,30 @@ def live(
     shutil.copytree(built_site, site)
     if not project.live.exists():  # else the book has been built so
         put_in(project, site, Quiet())
-    handler = partial(_Told, directory=str(site))
-    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{server.server_address[1]}/", site
-        server.shutdown()
+    return site
 
 
-class _Told(_Quiet):
+@pytest.fixture(scope="module")
+def live(live_site: Path) -> Iterator[str]:
+    """Its address, served from this machine alone."""
+    with serving(live_site, _Told) as address:
+        yield address
+
+
+@pytest.fixture
+def open_live(live: str, browser: Browser) -> Iterator[Open]:
+    """Open pages of it, which are closed when the test ends."""
+    with opening(browser, live) as opened:
+        yield opened
+
+
+@pytest.fixture
+def box(open_live: Open) -> Locator:
+    """The cell K = 0.09 / (0.09 + 0.04) of a lesson."""
+    return cells_of(open_live(LESSON).page)[-3][1]
+
+
+class _Told(QuietHandler):
     """Remembers what it has sent."""
 
     sent: ClassVar[list[str]] = []
@@ -95,46 +107,26 @@ def figures(page: Page) -> dict[str, Any]:
     return dict(page.evaluate(script))
 
 
-def close(here: Any, there: Any) -> bool:
-    if isinstance(here, dict):
-        return here.keys() == there.keys() and all(close(here[k], there[k]) for k in here)
-    if isinstance(here, list):
-        return len(here) == len(there) and all(map(close, here, there))
-    if isinstance(here, float | int):
-        return abs(here - there) <= 1e-3 * max(1, abs(there))
-    return bool(here == there)
-
-
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("size", [{}, PHONE], ids=["desk", "phone"])
+@sizes
 def test_each_cell_prints_what_the_page_prints(
-    name: str, size: dict[str, Any], live: tuple[str, Path], browser: Browser
+    name: str, size: dict[str, Any], open_live: Open
 ) -> None:
-    seen = visit(browser, live[0], f"chapters/{name}.html", **size)
+    seen = open_live(f"chapters/{name}.html", **size)
     page, drawn = seen.page, figures(seen.page)
     for number, box in cells_of(page):
         printed = "".join(box.locator(".cell_output > .output.stream pre").all_text_contents())
         press(box)
         assert said(box).strip() == printed.strip(), f"cell {number + 1}"
         again = press(box)  # at most a second, or it says why not
-        assert float(again.split()[1]) < 1 or "computed all its numbers again" in again, (
-            f"cell {number + 1}"
-        )
+        at_once = float(again.split()[1]) < 1
+        assert at_once or "computed all its numbers again" in again, f"cell {number + 1}"
     after = figures(page)
-    assert all(close(after[key]["charts"], drawn[key]["charts"]) for key in drawn)
+    assert all(same(after[key]["charts"], drawn[key]["charts"]) for key in drawn)
     assert seen.wrong == []
-    page.close()
 
 
-def lesson_page(live: tuple[str, Path], browser: Browser, **size: Any) -> Page:
-    return visit(browser, live[0], LESSON, **size).page
-
-
-def test_a_changed_number_gives_the_changed_answer(
-    live: tuple[str, Path], browser: Browser
-) -> None:
-    page = lesson_page(live, browser)
-    _, box = cells_of(page)[-3]  # K = 0.09 / (0.09 + 0.04)
+def test_a_changed_number_gives_the_changed_answer(box: Locator) -> None:
     code = box.locator("pre[contenteditable]")
     first = code.text_content() or ""
     assert "K = 0.09" in first
@@ -144,39 +136,21 @@ def test_a_changed_number_gives_the_changed_answer(
     box.get_by_role("button", name="Reset").click()
     assert code.text_content() == first
     assert not said(box)
-    page.close()
 
 
-def test_it_is_typed_and_run_by_the_keyboard(live: tuple[str, Path], browser: Browser) -> None:
-    page = lesson_page(live, browser)
-    _, box = cells_of(page)[-3]
+def test_it_is_typed_and_run_by_the_keyboard(box: Locator) -> None:
+    page = box.page
     box.locator("pre[contenteditable]").focus()
     page.keyboard.press("Control+End")
     page.keyboard.type("\nprint(2 +\n 40)")
     page.keyboard.press("Control+Enter")
     box.locator(".live-out", has_text="42").wait_for(timeout=2 * MINUTES)
-    reached = []
     for _ in range(2):  # out of the code, by its button for copying
         page.keyboard.press("Tab")
-        reached.append(page.evaluate("document.activeElement.textContent"))
-    assert reached[-1] == "Run"
-    page.close()
+    assert page.evaluate("document.activeElement.textContent") == "Run"
 
 
-def test_an_error_is_shown_as_python_shows_it(live: tuple[str, Path], browser: Browser) -> None:
-    page = lesson_page(live, browser)
-    _, box = cells_of(page)[-3]
-    write(box, "1 / 0")
-    assert press(box).startswith("failed")
-    lines = said(box).splitlines()
-    assert lines[0] == "Traceback (most recent call last):"
-    assert lines[-1] == "ZeroDivisionError: division by zero"
-    page.close()
-
-
-def test_a_run_can_be_stopped(live: tuple[str, Path], browser: Browser) -> None:
-    page = lesson_page(live, browser)
-    _, box = cells_of(page)[-3]
+def test_a_run_can_be_stopped(box: Locator) -> None:
     write(box, "while True: pass")
     box.get_by_role("button", name="Run").click()
     box.locator(".live-status", has_text="runs").wait_for(timeout=2 * MINUTES)
@@ -185,11 +159,10 @@ def test_a_run_can_be_stopped(live: tuple[str, Path], browser: Browser) -> None:
     write(box, "print(6 * 7)")
     press(box)
     assert said(box) == "42\n"
-    page.close()
 
 
-def test_a_parameter_runs_what_needs_it(live: tuple[str, Path], browser: Browser) -> None:
-    page = lesson_page(live, browser)
+def test_a_parameter_runs_what_needs_it(open_live: Open) -> None:
+    page = open_live(LESSON).page
     before = figures(page)
     field = page.get_by_label("seed")
     field.fill("1")
@@ -204,27 +177,21 @@ def test_a_parameter_runs_what_needs_it(live: tuple[str, Path], browser: Browser
     assert {"fig-l2-map-moving", "fig-l2-instruments-moving"} <= changed
     assert "fig-l2-bells-moving" not in changed
     assert "seed: int = 1 " in (page.locator("pre[contenteditable]").first.text_content() or "")
-    page.close()
 
 
-def test_what_is_missing_is_said_and_the_next_offered(
-    live: tuple[str, Path], browser: Browser
-) -> None:
-    page = visit(browser, live[0], f"chapters/{NAMES[1]}.html").page
+def test_what_is_missing_is_said_and_the_next_offered(open_live: Open) -> None:
+    page = open_live(f"chapters/{NAMES[1]}.html").page
     bar = page.locator(".live-bar", has_text="it needs cvxpy").first
     link = bar.get_by_role("link", name="To the next that runs.")
     target = page.locator(link.get_attribute("href") or "")
     assert target.get_attribute("contenteditable") == "plaintext-only"
-    page.close()
 
 
 LESS_SURE = ("+ q * Q", "+ 50 * q * Q")  # in the Kalman filter of lesson 2
 
 
-def test_what_is_out_of_date_is_marked_and_what_is_untrue_is_named(
-    live: tuple[str, Path], browser: Browser
-) -> None:
-    page = lesson_page(live, browser)
+def test_what_is_out_of_date_is_marked_and_what_is_untrue_is_named(open_live: Open) -> None:
+    page = open_live(LESSON).page
     cells = dict(cells_of(page))
     number = next(n for n, box in cells.items() if LESS_SURE[0] in (box.inner_text() or ""))
     box = cells[number]
@@ -238,13 +205,10 @@ def test_what_is_out_of_date_is_marked_and_what_is_untrue_is_named(
     told = [cells[n].locator(".live-status").inner_text() for n in cells if n >= number]
     assert set(told) <= {"as in the book", ""}
     assert page.locator(".live-out:visible").count() == 0
-    page.close()
 
 
-def test_cells_that_do_not_run_say_whose_numbers_they_show(
-    live: tuple[str, Path], browser: Browser
-) -> None:
-    page = visit(browser, live[0], f"chapters/{NAMES[5]}.html").page
+def test_cells_that_do_not_run_say_whose_numbers_they_show(open_live: Open) -> None:
+    page = open_live(f"chapters/{NAMES[5]}.html").page
     bars = page.locator(".live-bar", has_text="not yours")
     assert bars.count() == 0
     page.get_by_label("seed").fill("7")
@@ -257,32 +221,15 @@ def test_cells_that_do_not_run_say_whose_numbers_they_show(
     field.fill("-1")
     field.press("Enter")
     assert not field.evaluate("field => field.validity.valid")
-    page.close()
 
 
-def weight(browser: Browser, served: str, name: str) -> tuple[int, list[str]]:
-    """Return the bytes of a page and what it loads, and the addresses."""
-    page = browser.new_page(viewport={"width": 1300, "height": 900})
-    sizes: dict[str, int] = {}
-    page.on("response", lambda r: sizes.update({r.url: len(r.body())}))
-    page.goto(served + name)
-    page.wait_for_load_state("networkidle")
-    page.close()
-    return sum(sizes.values()), [*sizes]
-
-
-def test_nothing_is_loaded_before_the_first_press(live: tuple[str, Path], browser: Browser) -> None:
-    _, addresses = weight(browser, live[0], LESSON)
-    assert not [each for each in addresses if "/live/" in each or "worker" in each]
-
-
-def test_the_first_press_loads_at_most_20_mb(live: tuple[str, Path]) -> None:
-    files = (live[1] / "_static" / "live").iterdir()
+def test_the_first_press_loads_at_most_20_mb(live_site: Path) -> None:
+    files = (live_site / "_static" / "live").iterdir()
     assert sum(path.stat().st_size for path in files) < 20e6
 
 
-def test_what_one_page_has_loaded_the_next_has(
-    live: tuple[str, Path], browser: Browser, chromium: str, tmp_path: Path
+def test_nothing_is_loaded_before_the_first_press_nor_twice(
+    live: str, browser: Browser, chromium: str, tmp_path: Path
 ) -> None:
     """In a browser that keeps files on disk, as a reader's does."""
     context = browser.browser_type.launch_persistent_context(
@@ -292,8 +239,10 @@ def test_what_one_page_has_loaded_the_next_has(
     loaded = []
     for name in (LESSON, f"chapters/{NAMES[0]}.html"):
         page = context.new_page()
-        page.goto(live[0] + name)
         _Told.sent.clear()
+        page.goto(live + name)
+        page.wait_for_load_state("networkidle")
+        assert not [path for path in _Told.sent if "/live/" in path or "worker" in path]
         press(cells_of(page)[0][1])
         loaded.append([path for path in _Told.sent if "/live/" in path])
     context.close()
@@ -302,39 +251,30 @@ def test_what_one_page_has_loaded_the_next_has(
     assert second == []
 
 
-@pytest.mark.parametrize("size", [{}, PHONE], ids=["desk", "phone"])
+@sizes
 @pytest.mark.parametrize("name", [LESSON, OWN_DATA])
-def test_axe_finds_nothing(
-    name: str, size: dict[str, Any], live: tuple[str, Path], browser: Browser
-) -> None:
-    page = visit(browser, live[0], name, **size).page
+def test_axe_finds_nothing(name: str, size: dict[str, Any], open_live: Open) -> None:
+    page = open_live(name, **size).page
     if name == LESSON:
         press(cells_of(page)[-3][1])
     found = Axe().run(settled(page))
     assert found.violations_count == 0, found.generate_report()
-    page.close()
 
 
-def test_from_a_file_it_names_a_server(live: tuple[str, Path], browser: Browser) -> None:
+def test_from_a_file_it_names_a_server(live_site: Path, browser: Browser) -> None:
     page = browser.new_page()
-    page.goto((live[1] / LESSON).as_uri())
+    page.goto((live_site / LESSON).as_uri())
     assert "python -m http.server" in page.locator(".live-bar").inner_text()
     assert page.get_by_role("button", name="Run cell").count() == 0
     page.close()
 
 
-def test_what_a_reader_types_reaches_neither_page_nor_other_hosts(
-    live: tuple[str, Path], browser: Browser
-) -> None:
-    seen = visit(browser, live[0], LESSON)
-    _, box = cells_of(seen.page)[-3]
+def test_what_a_reader_types_reaches_neither_page_nor_other_hosts(box: Locator) -> None:
     write(box, "import js\nprint(hasattr(js, 'document'), '<b>bold</b>')")
     press(box)
     assert said(box) == "False <b>bold</b>\n"
     assert box.locator(".live-out b").count() == 0
-    policy = seen.page.locator("meta[http-equiv=Content-Security-Policy]").get_attribute("content")
-    assert policy is not None
-    assert "connect-src 'self'" in policy
+    policy = box.page.locator("meta[http-equiv=Content-Security-Policy]")
+    assert "connect-src 'self'" in (policy.get_attribute("content") or "")
     blocked = "() => fetch('http://localhost:1/').then(() => 'reached', (error) => error.message)"
-    assert seen.page.evaluate(blocked) != "reached"
-    seen.page.close()
+    assert box.page.evaluate(blocked) != "reached"

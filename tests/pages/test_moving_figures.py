@@ -13,7 +13,7 @@ import pytest
 from conftest import ROOT, weekly_but
 from inswsn_book.moving import Moving, Slider
 from playwright.sync_api import Browser, CDPSession, Locator, Page
-from visiting import PAGES, Visit, boxes, settled, visit
+from visiting import PAGES, Visit, boxes, opening, settled
 
 from inswsn_lib.filters import run_hinfinity, run_kalman
 from inswsn_lib.learning import LSSVMRegressor
@@ -56,17 +56,16 @@ Lesson = Callable[..., Page]
 @pytest.fixture(scope="module")
 def opened(browser: Browser, served: str) -> Iterator[Callable[[str], Page]]:
     """Open a lesson, once for all tests."""
-    seen: dict[str, Visit] = {}
+    with opening(browser, served) as open_page:
+        seen: dict[str, Visit] = {}
 
-    def page_of(name: str) -> Page:
-        if name not in seen:
-            seen[name] = visit(browser, served, name, viewport=DESKTOP)
-        return seen[name].page
+        def page_of(name: str) -> Page:
+            if name not in seen:
+                seen[name] = open_page(name, viewport=DESKTOP)
+            return seen[name].page
 
-    yield page_of
-    for found in seen.values():
-        assert found.wrong == []
-        found.page.close()
+        yield page_of
+        assert {name: found.wrong for name, found in seen.items() if found.wrong} == {}
 
 
 @pytest.fixture
@@ -90,7 +89,6 @@ def tables(built_site: Path, name: str, figure: str) -> dict[str, Any]:
     """Return what a figure of a page draws."""
     page = (built_site / name).read_text(encoding="utf-8")
     found = re.search(rf'id="{figure}-moving"[^>]*><script[^>]*>(.*?)</script>', page, re.DOTALL)
-    assert found is not None
     return dict(json.loads(found[1]))
 
 
@@ -256,12 +254,9 @@ def test_the_error_over_q_is_that_of_the_kalman_filter(built_site: Path, lesson:
         assert metres(shown) == pytest.approx(distance(run, found), abs=0.001)
 
 
-def test_an_outage_is_bridged_by_the_machine_of_that_width(
-    built_site: Path, lesson: Lesson
-) -> None:
+def test_an_outage_is_bridged_by_that_machine(built_site: Path, lesson: Lesson) -> None:
     drive = BridgedOutages(runs=1).judged["1"].run(0)
     clock, y, error = drive.inputs["time"], drive.y, drive.error
-    assert clock is not None
     figure = lesson(OUTAGE).locator("#fig-l4-bridge-moving")
     texts = tables(built_site, OUTAGE, "fig-l4-bridge")["sliders"][0]["texts"]
     for place in (0, 6, len(texts) - 1):

@@ -8,11 +8,11 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
-from importlib.util import find_spec
 from mimetypes import guess_type
 from pathlib import Path
 from typing import Any
 
+import pydata_sphinx_theme
 import pytest
 from conftest import ROOT
 from inswsn_book.live.html import SCRIPTS
@@ -30,6 +30,9 @@ SITE = "http://own.test/"
 EXAMPLE = ROOT / "data" / "examples" / "ins-wsn.csv"
 CHAPTER = (ROOT / "chapters" / "your-own-data.md").read_text(encoding="utf-8")
 STATIC = ROOT / "book" / "_static"
+THEME = Path(pydata_sphinx_theme.__file__).parent / (
+    "theme/pydata_sphinx_theme/static/styles/pydata-sphinx-theme.css"
+)
 PAGE = """<!doctype html>
 <html lang="en" data-theme="light"><head><meta charset="utf-8"><title>Your own data</title>
 <meta name="viewport" content="width=device-width">
@@ -74,17 +77,9 @@ def fulfil(route: Route) -> None:
         route.fulfill(body=PAGE.replace("SECTION", section), content_type="text/html")
         return
     file = Path(name).name
-    known = {path.name: path for path in [*STATIC.iterdir(), *SCRIPTS.iterdir(), EXAMPLE, theme()]}
+    known = {path.name: path for path in [*STATIC.iterdir(), *SCRIPTS.iterdir(), EXAMPLE, THEME]}
     assert name == f"_static/{file}"
     route.fulfill(path=known[file], content_type=guess_type(file)[0])
-
-
-def theme() -> Path:
-    spec = find_spec("pydata_sphinx_theme")
-    assert spec is not None
-    assert spec.origin is not None
-    styles = Path(spec.origin).parent / "theme/pydata_sphinx_theme/static/styles"
-    return styles / "pydata-sphinx-theme.css"
 
 
 @pytest.fixture(scope="module", autouse=True)

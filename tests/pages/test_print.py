@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import re
-
-import numpy as np
 import pytest
 from conftest import weekly_but
-from playwright.sync_api import Browser, Page
-from visiting import CHAPTER_00, LESSON, OWN_DATA, luminance, settled, visit
+from playwright.sync_api import Page
+from visiting import CHAPTER_00, LESSON, OWN_DATA, Open, luminance, settled
 
 pytestmark = pytest.mark.page
 
@@ -74,16 +71,16 @@ BROKEN = """() => {
 }"""
 
 
-def on_paper(browser: Browser, served: str, name: str) -> Page:
+def on_paper(open_page: Open, name: str) -> Page:
     size = {"width": PAPER, "height": 1000}
-    page = visit(browser, served, name, viewport=size, color_scheme="light").page
+    page = open_page(name, viewport=size, color_scheme="light").page
     page.emulate_media(media="print")
     return settled(page)
 
 
 @pytest.mark.parametrize("name", PRINTED)
-def test_a_page_on_paper(browser: Browser, served: str, name: str) -> None:
-    page = on_paper(browser, served, name)
+def test_a_page_on_paper(open_page: Open, name: str) -> None:
+    page = on_paper(open_page, name)
     assert page.locator(ON_SCREEN).filter(visible=True).count() == 0
     assert page.locator("main p").filter(visible=True).count() > 3
     assert page.evaluate(TOO_WIDE, PAPER) == []
@@ -97,7 +94,6 @@ def test_a_page_on_paper(browser: Browser, served: str, name: str) -> None:
     page.wait_for_function("document.documentElement.dataset.theme === 'dark'")
     settled(page)
     black_on_white(page)
-    page.close()
 
 
 def black_on_white(page: Page) -> None:
@@ -116,8 +112,8 @@ def black_on_white(page: Page) -> None:
     assert set(page.evaluate(filters)) <= {"none"}
 
 
-def test_what_is_folded_is_printed_but_for_code(browser: Browser, served: str) -> None:
-    page = on_paper(browser, served, OWN_DATA)
+def test_what_is_folded_is_printed_but_for_code(open_page: Open) -> None:
+    page = on_paper(open_page, OWN_DATA)
     code = page.locator("details.above-input")
     assert code.count() > 0
     assert code.locator(".cell_input").filter(visible=True).count() == 0
@@ -126,11 +122,10 @@ def test_what_is_folded_is_printed_but_for_code(browser: Browser, served: str) -
     )
     assert "left out" in said
     assert page.locator("details.solution .solution-body").first.is_visible()
-    page.close()
 
 
-def test_addresses_are_written_out(browser: Browser, served: str) -> None:
-    page = on_paper(browser, served, "bibliography.html")
+def test_addresses_are_written_out(open_page: Open) -> None:
+    page = on_paper(open_page, "bibliography.html")
     written = page.evaluate(
         """() => [...document.querySelectorAll("article a.reference.external:not(.bare)")]
           .map((a) => [a.getAttribute("href"), getComputedStyle(a, "::after").content])"""
@@ -138,16 +133,3 @@ def test_addresses_are_written_out(browser: Browser, served: str) -> None:
     assert written
     for address, shown in written:
         assert "attr(href)" in shown or address in shown
-    page.close()
-
-
-def test_a_sheet_is_made(browser: Browser, served: str) -> None:
-    page = on_paper(browser, served, "index.html")
-    content = page.pdf(format="A4")
-    assert content.startswith(b"%PDF")
-    boxes = re.findall(rb"/MediaBox \[([\d. ]+)\]", content)
-    size = np.array([box.split() for box in boxes], dtype=float)[:, 2:]
-    # a point is 1/72 inch; the front page needs more than one sheet, and fewer than ten
-    assert 1 < len(size) < 10
-    np.testing.assert_allclose(size, [[210 / 25.4 * 72, 297 / 25.4 * 72]] * len(size), atol=1)
-    page.close()

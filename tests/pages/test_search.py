@@ -11,8 +11,7 @@ from bs4 import BeautifulSoup
 from conftest import PATIENCE, ROOT, WHOLE
 from inswsn_book.ledger import LEDGER, load_claims
 from inswsn_book.project import Project
-from playwright.sync_api import Browser
-from visiting import visit
+from visiting import Open
 
 pytestmark = pytest.mark.page
 
@@ -40,14 +39,14 @@ def glossary(site: Path) -> dict[str, str]:
 
 
 def test_what_is_looked_for_is_among_the_first_three(
-    browser: Browser, served: str, built_site: Path, project: Project
+    served: str, open_page: Open, built_site: Path, project: Project
 ) -> None:
     wanted = {w: f"chapters/{project.find(number).name}.html" for w, number in WANTED.items()}
     draw, explained = random.Random(2026), glossary(built_site)
     claim = draw.choice(load_claims(project.root / LEDGER))
     wanted[claim.id] = f"claims.html#{claim.anchor}"
     words = draw.sample(sorted(explained.keys() - wanted.keys()), 9 if WHOLE else 2)
-    page = visit(browser, served, "search.html").page
+    page = open_page("search.html").page
     missed = {}
     for word, place in (wanted | {word: explained[word] for word in words}).items():
         page.goto(f"{served}search.html?q={word}")
@@ -65,4 +64,3 @@ def test_what_is_looked_for_is_among_the_first_three(
         if not any(link.startswith(place) for link in found):
             missed[word] = place, found
     assert missed == {}
-    page.close()

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import re
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -87,6 +89,10 @@ class Visit:
         return self.errors + self.foreign + self.failed
 
 
+#: What the fixture ``open_page`` gives
+Open = Callable[..., Visit]
+
+
 def visit(browser: Browser, served: str, name: str, **options: Any) -> Visit:
     """Open a page, wait for its mathematics, and note what goes wrong on the way."""
     page = browser.new_page(**({"viewport": {"width": 1300, "height": 900}} | options))
@@ -120,10 +126,23 @@ def visit(browser: Browser, served: str, name: str, **options: Any) -> Visit:
     return seen
 
 
+@contextmanager
+def opening(browser: Browser, served: str) -> Iterator[Open]:
+    """Give what opens pages; they are closed at the end."""
+    seen: list[Visit] = []
+
+    def opened(name: str, **options: Any) -> Visit:
+        seen.append(visit(browser, served, name, **options))
+        return seen[-1]
+
+    yield opened
+    for each in seen:
+        each.page.close()
+
+
 def settled(page: Page) -> Page:
     """Wait until nothing of a page moves, so that what is measured on it stays true; return it."""
     size = page.viewport_size
-    assert size is not None
     why = page.evaluate(AT_REST, [size["width"], size["height"], REST, PATIENCE])
     assert why == "", f"{page.url} does not come to rest: {why}"
     return page

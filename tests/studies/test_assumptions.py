@@ -80,7 +80,7 @@ def problems(project: Project, content: dict[str, Any]) -> list[str]:
 
 
 @pytest.mark.parametrize("name", ["P1-M-path", "P3-M-gate", "P2-M-wsnr"])
-def test_a_number_without_an_entry_is_found(
+def test_a_number_without_entry_is_found(
     project: Project, content: dict[str, Any], name: str
 ) -> None:
     """What an entry that is taken away has covered comes up."""
@@ -95,9 +95,7 @@ def test_a_number_without_an_entry_is_found(
     )
 
 
-def test_what_an_entry_names_and_is_nowhere_is_found(
-    project: Project, content: dict[str, Any]
-) -> None:
+def test_what_an_entry_names_in_vain_is_found(project: Project, content: dict[str, Any]) -> None:
     entry(content, "P1-M-path")["chosen"].append({"scenario": "p1", "setting": "sped"})
     entry(content, "P1-M-B")["chosen"].append({"chapter": "p1-lmi", "parameter": "noise"})
     entry(content, "P1-M-L")["alternatives"][0]["edits"][0]["old"] = "nobody wrote this passage"
@@ -119,7 +117,7 @@ def test_what_an_entry_names_and_is_nowhere_is_found(
         (1, "chosen", [], "P2-M-word: chosen: Tuple should have at least 1"),
     ],
 )
-def test_a_bad_list_gives_one_sentence(
+def test_a_bad_list_is_one_sentence(
     tmp_path: Any, place: int, field: str, value: object, said: str
 ) -> None:
     content = copy.deepcopy(SMALL)

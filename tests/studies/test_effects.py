@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 
 import pytest
+from conftest import Render
 from effects import (
     Effect,
     band_of,
@@ -18,11 +18,10 @@ from effects import (
     summarise,
     tornado_svg,
 )
-from hypothesis import given, strategies as st
 from inswsn_book.assumptions import Assumptions
 from inswsn_book.parameters import Parameter
-from inswsn_book.results import Quantity, Results
 from inswsn_book.review import Findings
+from made_results import quantity, results
 from small import SMALL, run, study
 from study import Run
 
@@ -39,15 +38,7 @@ FLIPPED = run(
     verdicts={"A": "not reproduced", "B": "not decided"},
 )  # fmt: skip
 FAILED = run("P1-M-scale/ten", failed="It is too large.")
-RESULTS = Results(
-    chapter="00", parameters={}, data={},
-    quantities=tuple(
-        Quantity(name=name, value=value, unit="m", basis="printed", how="As it is printed.",
-                 tolerance=0.0)
-        for name, value in (("twice", 42.0), ("half", 10.5))
-    ),
-)  # fmt: skip
-FOUND = Findings([RESULTS], [])
+FOUND = Findings([results(quantity("twice", 42.0), quantity("half", 10.5))], [])
 
 
 def test_the_band_of_chance() -> None:
@@ -57,15 +48,6 @@ def test_the_band_of_chance() -> None:
     assert band_of([0.0, 2.0]) == pytest.approx(12.7062 * 2, rel=1e-5)
     # 1, 1, -1, -1: deviation the root of 4/3
     assert band_of([1.0, 1.0, -1.0, -1.0]) == pytest.approx(3.18245 * math.sqrt(8 / 3), rel=1e-5)
-
-
-@given(st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=6), st.floats(-1e3, 1e3),
-       st.floats(0.01, 100))  # fmt: skip
-def test_the_band_goes_with_the_scale_and_not_with_the_place(
-    values: list[float], shift: float, scale: float
-) -> None:
-    moved = band_of([scale * (value + shift) for value in values])
-    assert moved == pytest.approx(scale * band_of(values), rel=1e-6, abs=1e-6 * scale)
 
 
 @pytest.mark.parametrize(
@@ -126,7 +108,7 @@ def test_the_rows_of_a_small_study() -> None:
 
 
 @pytest.fixture
-def page(render: Callable[..., str]) -> Callable[..., str]:
+def page(render: Render) -> Render:
     """The page of assumptions of a small study."""
 
     def shown(*runs: Run) -> str:
@@ -141,7 +123,7 @@ def page(render: Callable[..., str]) -> Callable[..., str]:
     return shown
 
 
-def test_the_page_of_a_small_study(page: Callable[..., str]) -> None:
+def test_the_page_of_a_small_study(page: Render) -> None:
     text = page(*UNCHANGED, FLIPPED, FAILED)
     table = text.split("{list-table} Chapter 00")[1].split(":::::")[0]
     assert "- **+50 %** ⇄\n  - **+25 %**\n" in table, "the second is beyond chance, too"

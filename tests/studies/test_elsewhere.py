@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import made_results
 import pytest
-from conftest import MiniProject
+from conftest import MiniProject, Render
 from elsewhere import (
     AGAIN,
     ELSEWHERE,
@@ -32,15 +33,12 @@ from inswsn_book.files import file_digest
 from inswsn_book.progress import Quiet
 from inswsn_book.project import Project
 from inswsn_book.provenance import available_cores
-from inswsn_book.results import Provenance, Quantity, Results, write_results
+from inswsn_book.results import Provenance, Results, write_results
 from inswsn_book.runs import ChapterError, run, run_all
 
 from inswsn_lib.errors import InswsnError
 
-BASE: dict[str, Any] = {
-    "name": "a", "value": 1.0, "unit": "m", "basis": "simulation", "tolerance": 0.5,
-    "how": "By some computation.",
-}  # fmt: skip
+quantity = partial(made_results.quantity, tolerance=0.5)
 INTERVAL = {"interval": (0.5, 2.0), "interval_kind": "confidence 95 %"}
 
 
@@ -76,7 +74,7 @@ def cell(variant: str = AGAIN, chapter: str = "00", **fields: Any) -> Cell:
 def test_a_deviation_is_the_farthest_number_in_tolerances(
     before: dict[str, Any] | None, after: dict[str, Any] | None, part: str, deviation: float | None
 ) -> None:
-    old, new = (None if given is None else Quantity(**BASE | given) for given in (before, after))
+    old, new = (None if given is None else quantity(**given) for given in (before, after))
     change = Change("a", old, new)
     moved = moved_by(change)
     assert (moved.part, moved.deviation) == (part, deviation)
@@ -91,20 +89,15 @@ def test_a_deviation_is_the_farthest_number_in_tolerances(
 @pytest.fixture
 def provenance(published: dict[str, Results]) -> Provenance:
     """That of a reference, whose linear algebra had one thread."""
-    made = published["62"].provenance
-    assert made is not None
-    return made
+    return published["62"].provenance
 
 
 def test_a_run_is_held_against_the_reference(mini: MiniProject, provenance: Provenance) -> None:
     (chapter,) = mini.chapters()
 
     def results(value: float) -> Results:
-        twice = Quantity(**BASE | {"name": "twice", "value": value})
-        return Results(
-            chapter="00", parameters={}, data={}, quantities=(twice,), provenance=provenance,
-            sentences={"So.": False},
-        )  # fmt: skip
+        twice = quantity("twice", value, basis="simulation")
+        return made_results.results(twice, provenance=provenance, sentences={"So.": False})
 
     def held(value: float, threads: int = 1, blas: tuple[str, ...] = ()) -> Cell:
         mini.publish(results(value))
@@ -119,7 +112,6 @@ def test_a_run_is_held_against_the_reference(mini: MiniProject, provenance: Prov
     assert (same.cpu, same.reference_cpu) == (provenance.cpu, provenance.cpu)
     near = held(41.75)
     assert (near.identical, near.beyond) == (0, ())
-    assert near.farthest is not None
     assert near.farthest.deviation == 0.5
     # 42 in print is 41.5 to 42.5: twice as far as 41.75 is from 42 is out of it, below
     assert (near.distances, near.hanging) == ({"twice": 0.25}, ("P1-M-twice",))
@@ -176,7 +168,6 @@ def test_what_another_build_found(
     write_results(results, tmp_path / "62.json")
     try:
         found = found_elsewhere(project, tmp_path, chapter)
-        assert found is not None
         assert (found[0].id, found[1]) == (name, results)
     except InswsnError as error:
         said = str(error)
@@ -212,14 +203,11 @@ def test_a_short_chapter_in_every_variant_that_each_machine_has(
 
 
 @pytest.mark.whole
-def test_a_design_is_asked_of_scs(
-    project: Project, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_scs_designs(project: Project, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Live, in the shortest chapter that designs a filter."""
     monkeypatch.setattr(project, "store", tmp_path)
     (variant,) = (v for v in variants() if v.id == "scs")
     request = variant.request(project, project.by_id("p1-lmi"))
-    assert request is not None
     done = run(project, request, Quiet())
     found = compared(project, variant, project.by_id("p1-lmi"), done.results)
     assert any("scs" in name for name in found.solvers)
@@ -230,7 +218,7 @@ def test_a_design_is_asked_of_scs(
 
 
 @pytest.fixture
-def page(render: Callable[..., str]) -> Callable[..., str]:
+def page(render: Render) -> Render:
     """The page of a small study."""
 
     def shown(*cells: Cell, changed: tuple[str, ...] = ()) -> str:
@@ -246,7 +234,7 @@ def rows_of(page: str, name: str) -> list[list[str]]:
     return [[part.strip() for part in row.split("\n  - ")] for row in table.split("* - ")[2:]]
 
 
-def test_all_that_moved_is_told(page: Callable[..., str], known: dict[str, Any]) -> None:
+def test_all_that_moved_is_told(page: Render, known: dict[str, Any]) -> None:
     number = "printed-numbers"
     far = Moved(
         name="a", unit="m", before=1.0, after=2.5, part="value", tolerance=0.5, deviation=3.0
@@ -300,15 +288,13 @@ def test_the_stored_runs_were_made_as_asked(stored: tuple[Cell, ...]) -> None:
 
 
 def test_nothing_is_beyond_its_tolerance_without_being_said_to_be(
-    stored: tuple[Cell, ...], render: Callable[..., str]
+    stored: tuple[Cell, ...], render: Render
 ) -> None:
     """Each deviation by its own numbers, and on the page by its name."""
     told = re.split(r"\n##", render("reproduce").split("## Beyond the tolerance")[1])[0]
     for found in stored:
         most = found.farthest
         if most is not None and most.deviation is not None:
-            assert most.before is not None
-            assert most.after is not None
             size = abs(most.after - most.before) / most.tolerance
             assert most.deviation == pytest.approx(size, rel=1e-9)
             assert size <= 1 or most.name in {moved.name for moved in found.beyond}

@@ -50,9 +50,7 @@ def test_every_alternative_is_a_factor_or_is_left_out_with_a_reason(
     assert len(set(names)) == len(names)
 
 
-def test_what_was_chosen_is_a_point_that_changes_nothing(
-    project: Project, crossing: Crossing
-) -> None:
+def test_what_was_chosen_is_a_point_without_changes(project: Project, crossing: Crossing) -> None:
     settings, schemas = load_settings(project.root), load_schemas(project)
     for chapter in CROSSED:
         for key, value in crossing.changes(chapter, crossing.chosen()).items():
@@ -66,9 +64,7 @@ def test_what_was_chosen_is_a_point_that_changes_nothing(
 
 
 @pytest.mark.parametrize("chapter", CORES)
-def test_a_core_at_the_chosen_point_is_that_of_the_chapter(
-    crossing: Crossing, chapter: str
-) -> None:
+def test_a_core_at_the_chosen_point_is_the_chapters(crossing: Crossing, chapter: str) -> None:
     plain = CORES[chapter](**RUNS[chapter])
     core = core_at(crossing, plain, chapter, crossing.changes(chapter, crossing.chosen()))
     assert core.settings == plain.settings

@@ -5,11 +5,11 @@ from __future__ import annotations
 import csv
 import json
 import re
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
 import pytest
+from conftest import Render
 from front_picture import DATA, PICTURE, Contest, contests, front_svg
 from inswsn_book.review import Findings
 
@@ -32,39 +32,6 @@ def test_the_printed_side_of_the_picture_by_hand(root: Path, drawn: list[Contest
     assert printed[5] is None  # P3 prints no comparison of its filter with and without LS-SVM
 
 
-def test_the_rebuilt_and_recorded_sides_by_hand(root: Path, drawn: list[Contest]) -> None:
-    """The quantities that the picture should draw, read without the library."""
-
-    def value(chapter: str, name: str) -> float:
-        kept = json.loads((root / "data/published" / f"{chapter}.json").read_text(encoding="utf-8"))
-        return float(next(q["value"] for q in kept["quantities"] if q["name"] == name))
-
-    position = [value("p1-training", f"fair.{n}.position") for n in ("hf-exact-lmi", "kalman")]
-    learners = [value("p1-outages", f"fair.geometric.{n}-motion") for n in ("ls-svm", "bp")]
-    assert [row.rebuilt for row in drawn] == pytest.approx(
-        [
-            position[0] / position[1],
-            learners[0] / learners[1],
-            value("p2-fusion", "fair.dhf-over-fkf.position"),
-            value("p2-fusion", "fair.dhf-over-fkf.velocity"),
-            value("p3-vehicle", "factor.lssvm-never"),
-            value("p3-vehicle", "methods.lssvm"),
-        ]
-    )
-    recorded = value("p3-vehicle", "recorded.factor.lssvm")
-    radio = [
-        value("p1-training", f"lasting.recorded.{n}-tuned-for-white") for n in ("hf", "kalman")
-    ]
-    assert [row.recorded for row in drawn] == pytest.approx(
-        [
-            radio[0] / radio[1],
-            *[None] * 3,
-            recorded / value("p3-vehicle", "recorded.factor.never"),
-            recorded,
-        ]
-    )
-
-
 def test_what_is_kept_is_of_the_reference(root: Path, drawn: list[Contest]) -> None:
     """Otherwise: make publish."""
     kept = json.loads((root / DATA).read_text(encoding="utf-8"))
@@ -75,9 +42,7 @@ def test_what_is_kept_is_of_the_reference(root: Path, drawn: list[Contest]) -> N
     assert (root / PICTURE).is_file()
 
 
-def test_the_picture_is_the_same_each_time_and_its_text_says_its_numbers(
-    render: Callable[..., str],
-) -> None:
+def test_the_picture_is_the_same_each_time_and_its_text_says_its_numbers(render: Render) -> None:
     drawn = [Contest("A over B,\nposition", 0.1, 1.25), Contest("C over D", None, 2.0, 3.0)]
     assert front_svg(drawn) == front_svg(drawn)
     page = render("index", front=[asdict(row) for row in drawn])

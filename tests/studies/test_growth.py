@@ -35,7 +35,3 @@ def test_every_kept_curve_is_one_that_is_measured_and_no_limit_is_beaten(root: P
             assert point["limit"] == pytest.approx(limit, rel=0.02)
             assert math.isfinite(point["seconds"])
             assert point["seconds"] > limit
-
-
-def test_a_riccati_design_of_many_states_is_found() -> None:
-    growth.by_states_of_riccati(16)()

@@ -14,18 +14,10 @@ from inswsn_book import runs as engine
 from inswsn_book.assumptions import Assumptions, load_assumptions
 from inswsn_book.progress import Quiet
 from inswsn_book.project import Project
-from inswsn_book.results import Quantity, Results
+from inswsn_book.results import Results
 from inswsn_book.runs import ChapterError, request_key
-from sensitivity import (
-    FIGURE,
-    Cell,
-    cells_of,
-    merged,
-    request_of,
-    run_of,
-    with_page,
-    write_study,
-)
+from made_results import quantity, results
+from sensitivity import FIGURE, Cell, cells_of, merged, request_of, run_of, with_page, write_study
 from small import SMALL, run, study
 from study import BASELINE, SENSITIVITY, Study, read_study
 
@@ -98,16 +90,7 @@ def test_what_came_of_a_cell_is_its_headlines_and_verdicts(mini: MiniProject) ->
     """The claim says 42; a headline that is not recorded is left out."""
     for value, verdict in ((42.0, "adds up in print"), (63.0, "contradicted by the paper itself")):
         cell = Cell("P1-M-scale/three", "00", {"scale": value / 21})
-        twice = Quantity(
-            name="twice", value=value, unit="m", how="For a test.", basis="printed", tolerance=0
-        )
-        found = Results(
-            chapter="00",
-            parameters={},
-            data={},
-            quantities=(twice,),
-            sentences={"So.": False},
-        )
+        found = results(quantity("twice", value), sentences={"So.": False})
         request = request_of(mini, cell)
         made = run_of(mini, cell, ASSUMED.headlines, engine.Run(request, found))
         assert (made.failed, made.headlines, made.overturned) == (None, {"twice": value}, 1)
@@ -186,7 +169,6 @@ def test_the_baseline_agrees_with_the_published_results(
     for headline in assumptions.headlines:
         chapter, key, edge = headline.chapter, headline.key, headline.turns
         baseline = stored.run(chapter, BASELINE)
-        assert baseline is not None
         value, reference = baseline.headlines[key], headline.value(published[chapter])
         if chapter in NOT_REDUCED:
             assert value == pytest.approx(reference, rel=1e-4)
@@ -232,7 +214,6 @@ def test_one_run_comes_out_again(
     assert len(cells) > 5
     cell = random.Random(digest).choice(cells)
     before = stored.run(cell.chapter, cell.id)
-    assert before is not None
     done = engine.run(project, request_of(project, cell), Quiet(), fresh=True)
     again = run_of(project, cell, assumptions.of_chapter(cell.chapter), done)
     assert again.failed is None
