@@ -14,7 +14,7 @@ from scipy.stats import binom, geom
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.logs.findings import FALSE_ALARM, Finding, judged
 from inswsn_lib.logs.turn_rates import along
-from inswsn_lib.streams import Fixes, Imu, Ranges, Recording, Reference, Stream, Whole
+from inswsn_lib.streams import Fixes, Imu, Odometry, Ranges, Recording, Reference, Stream, Whole
 
 _LEAST = 10.0  # periods: a shorter gap is none
 _ROWS = 20
@@ -84,7 +84,7 @@ def _held_values(name: str, stream: Stream) -> _Judged:
     """
     kept: Mask = np.ones(len(stream), dtype=bool)
     lengths, far = [np.zeros(0)], [np.zeros(0)]
-    for every, told in [] if isinstance(stream, Imu) else _measured(stream):
+    for every, told in [] if isinstance(stream, Imu | Odometry) else _measured(stream):
         once = np.diff(stream.time[every], prepend=-np.inf) > 0  # rows logged twice are no new ones
         rows, values = every[once], told[once]
         steps = np.abs(np.diff(values, axis=0))
@@ -270,6 +270,8 @@ def _values(recording: Recording) -> Iterator[Finding]:
         if not columns:
             continue
         same = [(np.diff(rows, axis=0) == 0).all(axis=1) for rows in columns]
+        if isinstance(stream, Odometry):  # wheels that stand say 0, and so may a straight drive
+            same = [same[0] & (columns[0][1:] != 0).all(axis=1)]
         stuck = 1 + max(longest_run(each)[0] for each in same)
         says = f"{stuck} rows on end say the same: the sensor or its logger sticks"
         right = "no stretch has the same values"
@@ -291,6 +293,8 @@ def _measured(stream: Stream) -> list[tuple[Whole, Array]]:
     every = np.arange(len(stream))
     if isinstance(stream, Imu):
         return [(every, np.hstack([stream.rate, stream.force]))]
+    if isinstance(stream, Odometry):
+        return [(every, np.column_stack([stream.speed, stream.rate]))]
     if isinstance(stream, Ranges):
         each = [np.flatnonzero(stream.anchor == k) for k in range(len(stream.anchors))]
         return [(rows, stream.distance[rows, None]) for rows in each if len(rows) > 1]

@@ -308,6 +308,14 @@ def test_a_sensor_that_sticks_or_ends_at_a_limit_is_found() -> None:
     distance[mine[10:40]] = distance[mine[10]]
     stuck = replace(recording, ranges=replace(recording.ranges, distance=distance))
     assert said(stuck, "ranges") is False
+    # wheels that stand say 0 for long; those that turn do not say the same for long
+    drive = made_drive(0)
+    assert drive.odometry is not None
+    for value, fits in ((0.0, True), (1.0, False)):
+        speed, rate = drive.odometry.speed.copy(), drive.odometry.rate.copy()
+        speed[100:130], rate[100:130] = value, value / 2
+        stuck = replace(drive, odometry=replace(drive.odometry, speed=speed, rate=rate))
+        assert said(stuck, "odometry") is fits
 
 
 # --- stamps and rows ---
