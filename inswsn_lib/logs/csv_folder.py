@@ -347,7 +347,13 @@ def quoted(word: str) -> str:
 def write_csv(recording: Recording, folder: str | Path) -> None:
     """Write a recording as a folder that `load` reads as the kind ``csv``.
 
-    Numbers are read again to the last bit. The folder is made if it is not there.
+    Numbers are read again to the last bit.
+
+    Parameters
+    ----------
+    recording : Recording
+    folder : str or Path
+        Made if it is not there.
 
     Raises
     ------
