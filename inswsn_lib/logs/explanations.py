@@ -98,7 +98,7 @@ class Explanations:
         """
         for self._block in _BLOCKS:
             both, own = 0.0, 0.0
-            for part, starts in self._parts(np.arctan(miss / deviation_of(miss)), self._block):
+            for part, starts in self._parts(np.arctan2(miss, deviation_of(miss)), self._block):
                 means = np.add.reduceat(part, starts) / np.diff(starts, append=len(part))
                 means = means - means.mean()
                 both, own = both + float(means[1:] @ means[:-1]), own + float(means @ means)
