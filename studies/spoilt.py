@@ -61,6 +61,7 @@ class Trial(Frozen):
     draw: Annotated[int, Field(ge=0)]
     size: Finite | None = None  # in the spoiler's unit; None if it has no size
     unit: str = ""
+    meant: bool = False  # whether a check is meant to tell it
     outcome: Outcome
     findings: tuple[str, ...] = ()  # names of those that are new
     named: bool | None = None  # whether the right name is among them; None if no check is meant
@@ -171,6 +172,7 @@ def try_one(unspoilt: Unspoilt, spoiler: Spoiler, sizes: str, draw: int) -> Tria
         draw=draw,
         size=None if np.isnan(size) else float(f"{size:.3g}"),
         unit=spoiler.unit,
+        meant=bool(spoiler.right),
         says=says,
         **found,
     )
