@@ -8,7 +8,6 @@ from .filter import (
     align as align,
     replay as replay,
     run_vehicle_filter as run_vehicle_filter,
-    smooth_vehicle_run as smooth_vehicle_run,
 )
 from .recorded import (
     calibrate_inertial_noise as calibrate_inertial_noise,

@@ -38,7 +38,6 @@ from inswsn_lib.vehicle import (
     position_error,
     replay,
     run_vehicle_filter,
-    smooth_vehicle_run,
 )
 
 GPS = ("gps_position", "gps_velocity")
@@ -350,31 +349,6 @@ def test_the_start_is_as_good_as_what_it_is_made_of() -> None:
         s.gps_error, s.gps_error, s.compass_bias, s.mounting_yaw,
     ]  # fmt: skip
     assert rows @ P @ rows.T == pytest.approx(np.diag(np.square(sizes)))
-
-
-# --- the smoother ---
-
-
-def test_the_smoother_ends_where_the_filter_does() -> None:
-    """And is surer before that, the more so in an outage."""
-    settings, gone = replace(KNOWN, extra=("gps", "compass")), [(30, 50)]
-    smoothed = smooth_vehicle_run(eight(), settings, 3, outages=gone)
-    states = run_vehicle_filter(eight(), settings, outages=gone).states[1:, 3]
-    (mine, theirs), apart = map(deviations, (smoothed, states)), smoothed.position - states.position
-    assert mine[-1] == pytest.approx(theirs[-1], rel=0.05)
-    assert np.abs(apart[-1] * metres(states.position[-1]) / theirs[-1, :3]).max() < 0.05
-    assert (mine[:-1] <= theirs[:-1] * (1 + 1e-3)).all()
-    assert (mine[48, :2] < 0.75 * theirs[48, :2]).all()
-
-
-def test_the_smoothers_errors_are_as_large_as_it_says() -> None:
-    """Three epochs far from each other of eight runs, three components."""
-    drive, total = make_drive(120, 8, seed=11), 0.0
-    for r in range(8):
-        states = smooth_vehicle_run(drive, KNOWN, r, aiding=False)
-        apart = (states.position - drive.reference.position[1:])[[29, 59, 89]]
-        total += normalised(apart, states.covariance[[29, 59, 89], :3, :3])
-    assert_chi_square(total, 3 * 24)
 
 
 # --- the start ---
