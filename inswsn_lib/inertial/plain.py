@@ -136,8 +136,8 @@ class _Runs:
 
     def measure(self, table: tuple[Any, ...], mode: int) -> tuple[Any, ...]:
         """Take a measurement; return its innovation and what is used of it, NIS and the rest."""
-        noise, told = table[3], table[5]
-        found, H = expected(self.x, self.d, self.P.shape[1], *table[:3], table[4])
+        chosen, data, arms, noise, owns, told = table
+        found, H = expected(self.x, self.d, self.P.shape[1], chosen, data, arms, owns)
         value = wrapped(told - found, noise[:, 2]) - (H @ self.e[..., None])[..., 0]
         there = ~np.isnan(value)
         R = noise[:, 0] * np.eye(len(noise))
