@@ -1,4 +1,9 @@
-from .alignment import align as align, known_start as known_start, level as level
+from .alignment import (
+    align as align,
+    align_planar as align_planar,
+    known_start as known_start,
+    level as level,
+)
 from .earth import Earth as Earth, Ground as Ground, metres as metres
 from .error_state import (
     ErrorStateFilter as ErrorStateFilter,
@@ -23,7 +28,6 @@ from .planar import (
     OdometryNoise as OdometryNoise,
     PlanarState as PlanarState,
 )
-from .planar_alignment import align_planar as align_planar
 from .smoothing import smooth as smooth, smooth_with_lag as smooth_with_lag
 from .strapdown import (
     ImuNoise as ImuNoise,

@@ -152,7 +152,6 @@ def run_error_state(
     *,
     end: float = np.inf,
     gate: float = np.inf,
-    iterations: int = 1,
     about: Any = None,
     kept: bool = True,
 ) -> Solution:
@@ -170,9 +169,6 @@ def run_error_state(
     gate : float
         A component of a measurement is left out where the square of its innovation is more than
         this many times its variance.
-    iterations : int
-        How often a measurement is linearised anew about the state that it leads to: above 1 the
-        update is that of the iterated filter (Bell and Cathey, IEEE Trans. AC 38(2), 1993).
     about : InertialState or PlanarState, optional
         A state at the time of the start from which the motion goes on without corrections: all is
         linearised about it, and its errors are estimated (feedforward). By default the motion goes
@@ -215,7 +211,7 @@ def run_error_state(
         )
     times, first = np.unique(when[order], return_index=True)
     events = _Events(times, np.append(first, len(order)), kind[order], row[order])
-    run = ErrorStateFilter(start, observations, gate, iterations, about)
+    run = ErrorStateFilter(start, observations, gate, about)
     whole = Start(start.time, run.state, run.covariance)
     found, table = run._go(motion.between(start.time, times), events, observations, kept=kept)
     innovations = [
@@ -260,7 +256,7 @@ class ErrorStateFilter:
     start : Start
     observations : sequence of Observation
         Those that will come, for their own states.
-    gate, iterations, about
+    gate, about
         As in `run_error_state`.
 
     Attributes
@@ -293,7 +289,7 @@ class ErrorStateFilter:
 
     def __init__(
         self, start: Start, observations: Sequence[Observation], gate: float = np.inf,
-        iterations: int = 1, about: Any = None,
+        about: Any = None,
     ) -> None:  # fmt: skip
         errors = start.state.errors
         variances = np.concatenate([each.initial for each in observations])
@@ -302,7 +298,7 @@ class ErrorStateFilter:
         ends = np.cumsum([0, *(len(each.initial) for each in observations)])
         own = np.zeros(len(variances))
         first = replace(start.state, own=own)
-        self.observations, self.gate, self.iterations = observations, gate, iterations
+        self.observations, self.gate = observations, gate
         self._own = [slice(a, b) for a, b in pairwise(ends.tolist())]
         self._feedback = about is None
         self._nominal = first if about is None else replace(about, own=own)
@@ -361,7 +357,6 @@ class ErrorStateFilter:
             (self._nominal.row[None], self.covariance[None], self._error[None]),
             self._coloured(steps, events.time, observations), sensors, table,
             mode=AT_ONCE if self._feedback else BESIDE, kept=2 * kept,
-            iterations=self.iterations if self._feedback else 1,
         )  # fmt: skip
         self._nominal = type(self._nominal).of_row(found.state[0])
         self.time, self.covariance = float(events.time[-1]), found.covariance[0]

@@ -17,7 +17,7 @@ def error_state(
     increments: bool, ends: Whole, densities: Array, substep: float, earth: Array, which: Whole,
     offsets: Whole, starts: Array, covariances: Array, errors: Array, factors: Array, gained: Array,
     taken: Whole, begins: Whole, stops: Whole, kinds: Whole, data: Array, arms: Array, noise: Array,
-    owns: Array, told: Array, mode: int, kept: int, *, make: Any, iterations: int = 1,
+    owns: Array, told: Array, mode: int, kept: int, *, make: Any,
 ) -> tuple[Any, ...]:  # fmt: skip
     """Do what the kernel of that name does."""
     run = _Runs(starts.copy(), covariances.copy(), errors.copy(), make)
@@ -42,7 +42,7 @@ def error_state(
             part = slice(begins[j], stops[j])
             chosen = [sensors[kind] for kind in kinds[part]]
             table = chosen, data[part], arms[part], noise[part], owns[part], told[:, part]
-            got = run.measure(table, mode, iterations)
+            got = run.measure(table, mode)
             values[:, part], deviations[:, part], used[:, part] = got[:3]
             squares[:, j], likelihoods = got[3], likelihoods + got[4]
             if kept == 1:
@@ -134,15 +134,10 @@ class _Runs:
         self.P[:, range(self.d, len(factor)), range(self.d, len(factor))] += gained
         return np.asarray(Phi * factor)
 
-    def expected(self, x: Array, table: tuple[Any, ...]) -> tuple[Array, Array]:
-        """Return what is expected of the components of a measurement, and its rows."""
-        chosen, data, arms, _, owns, _ = table
-        return expected(x, self.d, self.P.shape[1], chosen, data, arms, owns)
-
-    def measure(self, table: tuple[Any, ...], mode: int, iterations: int) -> tuple[Any, ...]:
+    def measure(self, table: tuple[Any, ...], mode: int) -> tuple[Any, ...]:
         """Take a measurement; return its innovation and what is used of it, NIS and the rest."""
-        noise, told = table[3], table[5]
-        found, H = self.expected(self.x, table)
+        chosen, data, arms, noise, owns, told = table
+        found, H = expected(self.x, self.d, self.P.shape[1], chosen, data, arms, owns)
         value = wrapped(told - found, noise[:, 2]) - (H @ self.e[..., None])[..., 0]
         there = ~np.isnan(value)
         R = noise[:, 0] * np.eye(len(noise))
@@ -155,7 +150,7 @@ class _Runs:
         beyond = np.where(there & ~used, noise[:, 1] + np.log(2 * np.pi * variances), 0.0)
         count = used.sum(axis=1)
         likelihood = -0.5 * (size + logarithm + count * np.log(2 * np.pi) + beyond.sum(axis=1))
-        self._update(table, H, value, used, gain, mode, iterations)
+        self._update(H, value, used, gain, noise[:, 0], mode)
         with np.errstate(invalid="ignore"):
             square = whole / np.where(there.any(axis=1), there.sum(axis=1), np.nan)
         both = there[:, :, None] & there[:, None, :]
@@ -175,23 +170,13 @@ class _Runs:
         return gain, size, np.linalg.slogdet(S)[1] - idle
 
     def _update(
-        self, table: tuple[Any, ...], H: Array, value: Array, used: Mask, gain: Array, mode: int,
-        iterations: int,
-    ) -> None:  # fmt: skip
-        """Correct the states; in each iteration but the first all is linearised anew."""
-        begin, noise = self.x, table[3]
+        self, H: Array, value: Array, used: Mask, gain: Array, variances: Array, mode: int
+    ) -> None:
+        """Correct the errors, and with a mode of 1 the states."""
         correction = (gain @ np.where(used, value, 0.0)[..., None])[..., 0]
-        for _ in range(iterations - 1 if mode == 1 else 0):
-            makes = [self.make.of_row(x) for x in begin]
-            nominal = [one.plus(e) for one, e in zip(makes, correction, strict=True)]
-            found, H = self.expected(np.array([one.row for one in nominal]), table)
-            back = np.array([a.minus(b) for a, b in zip(makes, nominal, strict=True)])
-            value = wrapped(table[5] - found, noise[:, 2]) - (H @ back[..., None])[..., 0]
-            gain, _, _ = self._weigh(H, value, used, noise)
-            correction = (gain @ np.where(used, value, 0.0)[..., None])[..., 0]
         keep = np.eye(self.P.shape[1]) - gain @ (H * used[..., None])
         P = keep @ self.P @ np.swapaxes(keep, 1, 2)
-        P += (gain * noise[:, 0]) @ np.swapaxes(gain, 1, 2)
+        P += (gain * variances) @ np.swapaxes(gain, 1, 2)
         self.P, self.e = 0.5 * (P + np.swapaxes(P, 1, 2)), self.e + correction
         if mode == 1:
             self.feed_back()

@@ -101,7 +101,6 @@ class Outcome(NamedTuple):
 def run_table(
     make: Any, steps: Steps, start: tuple[Array, Array, Array], own: tuple[Array, Array],
     sensors: Sequence[Callable[..., Any]], table: Table, *, mode: int, kept: int,
-    iterations: int = 1,
 ) -> Outcome:  # fmt: skip
     """Run the filter.
 
@@ -121,12 +120,9 @@ def run_table(
     kept : int
         0 for the end alone; 1 for states, covariances, first positions and covariances of
         innovations; 2 for what a smoother needs.
-    iterations : int
-        As in `run_error_state`.
     """
-    plain: Callable[..., Any] = partial(error_state, make=make, iterations=iterations)
-    by_numpy = iterations > 1 or len(sensors) > _MOST
-    run = plain if by_numpy else choose("error_state", plain)
+    plain: Callable[..., Any] = partial(error_state, make=make)
+    run = plain if len(sensors) > _MOST else choose("error_state", plain)
     if run is not plain:
         sensors = [compiled(sensor, 4) for sensor in sensors]
         sensors = sensors + sensors[:1] * (_MOST - len(sensors))

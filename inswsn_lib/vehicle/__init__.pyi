@@ -1,14 +1,11 @@
-from .errors import (
-    horizontal_error as horizontal_error,
-    navigation_error as navigation_error,
-    position_error as position_error,
-)
 from .filter import (
     VehicleRun as VehicleRun,
     align as align,
+    horizontal_error as horizontal_error,
+    navigation_error as navigation_error,
+    position_error as position_error,
     replay as replay,
     run_vehicle_filter as run_vehicle_filter,
-    smooth_vehicle_run as smooth_vehicle_run,
 )
 from .recorded import (
     calibrate_inertial_noise as calibrate_inertial_noise,

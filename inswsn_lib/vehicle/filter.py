@@ -11,15 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from inswsn_lib.checks import Array, Mask, whole
 from inswsn_lib.errors import Described, ParameterError
-from inswsn_lib.inertial.earth import TURN
-from inswsn_lib.inertial.error_state import Solution, Start
-from inswsn_lib.inertial.runs import AFTER, AT_ONCE, BESIDE, run_table
-from inswsn_lib.inertial.smoothing import smooth
+from inswsn_lib.inertial.earth import TURN, metres
+from inswsn_lib.inertial.runs import AFTER, BESIDE, run_table
 from inswsn_lib.inertial.strapdown import InertialState
 from inswsn_lib.simulation.drive import Drive
 from inswsn_lib.vehicle.frame import SENSORS, DriveFrame
 from inswsn_lib.vehicle.settings import FilterSettings
-from inswsn_lib.vehicle.state import POSITION, STATES, VELOCITY, VehicleState
+from inswsn_lib.vehicle.state import POSITION, VELOCITY, VehicleState
 
 Integers = NDArray[np.intp]
 
@@ -120,70 +118,6 @@ def run_vehicle_filter(
     # the measurements of epoch 0 made the first state, and do not count again
     state = align(drive, settings)
     return _advance(drive, settings, state, which, np.zeros_like(which), heard, sensed, feedback)
-
-
-def smooth_vehicle_run(
-    drive: Drive,
-    settings: FilterSettings,
-    run: int,
-    *,
-    aiding: bool = True,
-    outages: Sequence[tuple[int, int]] = (),
-    aided_outages: bool = True,
-    last: int | None = None,
-) -> VehicleState:
-    """Return the states of one run of a drive by all measurements, before and after: not causal.
-
-    The smoother of Rauch, Tung and Striebel over a closed loop; see `inswsn_lib.inertial.smooth`.
-
-    Parameters
-    ----------
-    drive, settings, aiding, outages, aided_outages, last
-        As in `run_vehicle_filter`.
-    run : int
-        Which of the drive's runs.
-
-    Returns
-    -------
-    VehicleState
-        At the epochs from 1 on, (steps,); its error is that of the extra states.
-
-    Raises
-    ------
-    ParameterError
-        As in `run_vehicle_filter`, or if there is no such run.
-
-    Examples
-    --------
-    At the end of forty seconds without GPS, when fixes after it are known:
-
-    >>> import numpy as np, inswsn_lib as iw
-    >>> p3 = iw.with_values(iw.load_scenario(iw.data_file("scenarios/p3.yaml")), imu_period=0.1)
-    >>> drive = iw.simulate_drive(p3, runs=1, seed=0)
-    >>> told, gone = iw.FilterSettings.from_settings(p3), [(100, 140)]
-    >>> states = iw.vehicle.smooth_vehicle_run(drive, told, 0, outages=gone, last=200)
-    >>> run = iw.run_vehicle_filter(drive, told, outages=gone, last=139)
-    >>> apart = states.position[138] - drive.reference.position[139]
-    >>> smoothed = np.hypot(*(apart * iw.inertial.metres(states.position[138]))[:2])
-    >>> print(f"{smoothed:.1f} m for {iw.horizontal_error(run, drive)[-1, 0]:.1f} m")
-    0.5 m for 9.2 m
-    """
-    heard, sensed = _used(drive, aiding, outages, aided_outages, last)
-    which = np.array([whole("run", run, 0, drive.runs - 1)])
-    frame, epochs = DriveFrame(drive, settings), np.arange(1, len(heard))[None]
-    begin = frame.from_vehicle(align(drive, settings)[which], feedback=True)
-    found = run_table(
-        InertialState, frame.steps(epochs, which), begin, frame.own(len(heard) - 1), SENSORS,
-        frame.table(epochs, which, heard[1:], sensed[1:]), mode=AT_ONCE, kept=2,
-    )  # fmt: skip
-    start, end = (
-        Start(time, InertialState.of_row(x[0]), P[0])
-        for time, x, P in ((0.0, *begin[:2]), (drive.time[-1], found.state, found.covariance))
-    )
-    smoothed = smooth(Solution.of(found, drive.time[1 : len(heard)], start, [], end))
-    x = np.array([state.row for state in smoothed.states])
-    e = np.concatenate([np.zeros((len(x), STATES)), x[:, 21:]], axis=1)
-    return frame.to_vehicle(x, e, smoothed.covariances)
 
 
 def _used(
@@ -373,3 +307,87 @@ def _advance(
         innovations=np.concatenate([np.full((1, *nu.shape[1:]), np.nan), nu]),
         innovation_covariances=np.concatenate([np.zeros((1, *S.shape[1:])), S]),
     )  # fmt: skip
+
+
+def position_error(run: VehicleRun, drive: Drive, position: Array | None = None) -> Array:
+    """Return the error of a position, east, north and up (m), (steps, 3, runs).
+
+    Parameters
+    ----------
+    run, drive
+        The run, and what it was run on.
+    position : ndarray, (steps, 3, runs), optional
+        Default: that after all updates.
+
+    Examples
+    --------
+    A metre of height too much:
+
+    >>> import inswsn_lib as iw
+    >>> p3 = iw.with_values(iw.load_scenario(iw.data_file("scenarios/p3.yaml")), imu_period=0.1)
+    >>> drive = iw.simulate_drive(p3, runs=1, seed=0)
+    >>> run = iw.run_vehicle_filter(drive, iw.FilterSettings.from_settings(p3), last=1)
+    >>> high = drive.reference.position[:2, :, None] + [[0], [0], [1]]
+    >>> iw.position_error(run, drive, high)[1, :, 0]
+    array([0., 0., 1.])
+    """
+    found = np.moveaxis(run.position if position is None else position, 2, 1)
+    true = drive.reference.position[run.epochs]
+    north, east, up = np.moveaxis((found - true) * metres(true), -1, 0)
+    return np.stack([east, north, up], axis=1)
+
+
+def horizontal_error(run: VehicleRun, drive: Drive, position: Array | None = None) -> Array:
+    """Return the horizontal part of `position_error` (m), (steps, runs); P3 Section 5.
+
+    Parameters
+    ----------
+    run, drive, position
+        As in `position_error`.
+
+    Examples
+    --------
+    >>> import inswsn_lib as iw
+    >>> p3 = iw.with_values(iw.load_scenario(iw.data_file("scenarios/p3.yaml")), imu_period=0.1)
+    >>> drive = iw.simulate_drive(p3, runs=1, seed=0)
+    >>> run = iw.run_vehicle_filter(drive, iw.FilterSettings.from_settings(p3), last=1)
+    >>> iw.horizontal_error(run, drive)[0].round(1)  # that of a fix, of 3 m each way
+    array([3.4])
+    """
+    error = position_error(run, drive, position)
+    return np.asarray(np.hypot(error[:, 0], error[:, 1]))
+
+
+def navigation_error(run: VehicleRun, drive: Drive) -> Array:
+    r"""Return the errors of the first nine states, (steps, 9, runs), of a drive of known attitude.
+
+    What is left of them after all updates: position (rad, rad, m), velocity (m/s), and the attitude
+    error :math:`\varphi` of :math:`C' = (I - [\varphi\times])\,C` (rad).
+
+    Parameters
+    ----------
+    run, drive
+        As in `position_error`.
+
+    Examples
+    --------
+    After 100 s with all aids the attitude is known to better than a degree about each axis:
+
+    >>> import numpy as np, inswsn_lib as iw
+    >>> p3 = iw.with_values(iw.load_scenario(iw.data_file("scenarios/p3.yaml")), imu_period=0.1)
+    >>> drive = iw.simulate_drive(p3, runs=2, seed=0)
+    >>> run = iw.run_vehicle_filter(drive, iw.FilterSettings.from_settings(p3), last=100)
+    >>> bool(np.degrees(np.abs(iw.vehicle.navigation_error(run, drive)[100, 6:])).max() < 1)
+    True
+    """
+    true, states = drive.reference, run.states
+    if true.attitude is None:
+        raise ParameterError("drive", Described("a recording"), "one whose attitude is known")
+    turned = states.attitude @ np.swapaxes(true.attitude[run.epochs], -1, -2)
+    phi = -Rotation.from_matrix(turned.reshape(-1, 3, 3)).as_rotvec().reshape(*turned.shape[:-1])
+    parts = [
+        states.position - true.position[run.epochs],
+        states.velocity - true.velocity[run.epochs],
+        phi,
+    ]
+    return np.moveaxis(np.concatenate(parts, axis=-1) - states.error[..., :9], 1, 2)

@@ -57,7 +57,7 @@ def test_the_smoother_is_least_squares_over_everything() -> None:
     """
     motion, start, ranges, times = planar_case(2)
     edges, count = np.append(0.0, times), len(times) + 1
-    found = nav.smooth(nav.run_error_state(motion, start, [ranges], iterations=10))
+    found = nav.smooth(nav.run_error_state(motion, start, [ranges]))
 
     def track(x: Array) -> tuple[list, list]:
         """Return states, each of what is left of the one before, and what the motion says."""

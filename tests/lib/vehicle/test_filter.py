@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from lib.kernels.both_ways import both as both_ways
 from lib.vehicle.by_pyins import run_by_pyins
 from lib.vehicle.made_drive import (
     KNOWN,
@@ -38,7 +39,6 @@ from inswsn_lib.vehicle import (
     position_error,
     replay,
     run_vehicle_filter,
-    smooth_vehicle_run,
 )
 
 GPS = ("gps_position", "gps_velocity")
@@ -272,6 +272,36 @@ def test_the_first_update_is_that_of_compass_and_lateral_velocity() -> None:
     assert apart[1] < 1e-6
 
 
+@pytest.mark.parametrize("feedback", [True, False])
+@pytest.mark.parametrize("extra", [(), ("gps", "mounting"), ("mounting", "compass", "gps")])
+def test_it_is_the_same_compiled_and_in_numpy(extra: tuple[str, ...], feedback: bool) -> None:
+    """With gaps, an outlier and an outage; also branches from epochs of their own."""
+    drive, rng = make_drive(12, 3, seed=3), np.random.default_rng(3)
+    told = {name: getattr(drive, name).copy() for name in SENSORS[2:]}
+    for values in told.values():
+        values[1:][rng.random(values[1:].shape) < 0.2] = np.nan
+    told["gps_position"][5], told["compass"][7] = np.nan, 1.0
+    drive, settings = replace(drive, **told), replace(KNOWN, extra=extra, substeps=3)
+
+    def runs() -> tuple[VehicleRun, VehicleRun]:
+        run = run_vehicle_filter(drive, settings, outages=[(8, 10)], feedback=feedback)
+        starts = np.array([[1, 2, 3], [4, 4, 0]])
+        how = {"aiding": True, "gps": True, "feedback": feedback}
+        return run, replay(drive, settings, run, starts, 7, **how)
+
+    for one, two in zip(*both_ways(runs), strict=True):
+        assert off(one, two) < SAME
+        size = np.sqrt(np.diagonal(two.states.covariance, axis1=2, axis2=3))
+        assert np.abs(np.moveaxis(one.first - two.first, 1, 2) / size[..., :3]).max() < SAME
+        spread = np.moveaxis(np.diagonal(two.innovation_covariances, axis1=1, axis2=2), 2, 1)
+        own = np.sqrt(np.where(spread > 0, spread, 1.0))
+        assert one.innovations / own == pytest.approx(two.innovations / own, abs=1e-6, nan_ok=True)
+        apart = one.innovation_covariances - two.innovation_covariances
+        assert np.abs(apart / (own[:, :, None] * own[:, None])).max() < 1e-8
+        assert np.isnan(one.innovations[1:]).any()
+        assert np.isfinite(one.innovations).any()
+
+
 # --- compass and gate, and what is missing ---
 
 
@@ -350,31 +380,6 @@ def test_the_start_is_as_good_as_what_it_is_made_of() -> None:
         s.gps_error, s.gps_error, s.compass_bias, s.mounting_yaw,
     ]  # fmt: skip
     assert rows @ P @ rows.T == pytest.approx(np.diag(np.square(sizes)))
-
-
-# --- the smoother ---
-
-
-def test_the_smoother_ends_where_the_filter_does() -> None:
-    """And is surer before that, the more so in an outage."""
-    settings, gone = replace(KNOWN, extra=("gps", "compass")), [(30, 50)]
-    smoothed = smooth_vehicle_run(eight(), settings, 3, outages=gone)
-    states = run_vehicle_filter(eight(), settings, outages=gone).states[1:, 3]
-    (mine, theirs), apart = map(deviations, (smoothed, states)), smoothed.position - states.position
-    assert mine[-1] == pytest.approx(theirs[-1], rel=0.05)
-    assert np.abs(apart[-1] * metres(states.position[-1]) / theirs[-1, :3]).max() < 0.05
-    assert (mine[:-1] <= theirs[:-1] * (1 + 1e-3)).all()
-    assert (mine[48, :2] < 0.75 * theirs[48, :2]).all()
-
-
-def test_the_smoothers_errors_are_as_large_as_it_says() -> None:
-    """Three epochs far from each other of eight runs, three components."""
-    drive, total = make_drive(120, 8, seed=11), 0.0
-    for r in range(8):
-        states = smooth_vehicle_run(drive, KNOWN, r, aiding=False)
-        apart = (states.position - drive.reference.position[1:])[[29, 59, 89]]
-        total += normalised(apart, states.covariance[[29, 59, 89], :3, :3])
-    assert_chi_square(total, 3 * 24)
 
 
 # --- the start ---
