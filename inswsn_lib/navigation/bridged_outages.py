@@ -311,16 +311,20 @@ class BridgedOutages(P1Runs):
                 validation_share=0.15, epochs=50, random_state=10_000 * self.seed,
             )  # fmt: skip
 
+        widths, noises = [1, 10, 100, 1000], [1e2, 1e4, 1e6]
         return {
-            "LS-SVM": _every(LSSVMRegressor, [1, 10, 100, 1000], [1e2, 1e4, 1e6]),
+            "LS-SVM": [LSSVMRegressor(*each) for each in product(widths, noises)],
             "LS-SVM, linear kernel": [
                 LSSVMRegressor(1.0, s, "linear") for s in np.logspace(-3, 2.5, _TRIALS)
             ],
-            "BP": _every(network, [2, 5, 10], [0, 1e-4, 1e-3, 1e-2]),
-            "RBF network": _every(
-                lambda s, n: RBFNetworkRegressor(s, max_neurons=n), [1, 3, 10, 30], [3, 6, 12]
-            ),
-            "Gaussian process": _every(_GaussianProcess, [0.3, 1, 3, 10], [0.03, 0.1, 0.3]),
+            "BP": [network(*each) for each in product([2, 5, 10], [0, 1e-4, 1e-3, 1e-2])],
+            "RBF network": [
+                RBFNetworkRegressor(s, max_neurons=n)
+                for s, n in product([1, 3, 10, 30], [3, 6, 12])
+            ],
+            "Gaussian process": [
+                _GaussianProcess(*each) for each in product([0.3, 1, 3, 10], [0.03, 0.1, 0.3])
+            ],
         }
 
     def methods(self, kinds: Iterable[str]) -> dict[tuple[str, str], list[Bridge]]:
@@ -426,11 +430,6 @@ def share_findings(compared: Mapping[tuple[str, str], Judged]) -> dict[str, Find
 def _shares(passages: Iterable[Passage], bridge: Bridge) -> Array:
     """Return a method's shares of the error, one outage after the other."""
     return np.concatenate([passage.shares(bridge(passage)) for passage in passages])
-
-
-def _every(make: Callable[..., Any], *axes: Sequence[float]) -> list[Any]:
-    """Return what is made at each point of a grid."""
-    return [make(*point) for point in product(*axes)]
 
 
 @dataclass(eq=False, repr=False)

@@ -463,32 +463,26 @@ def table2_findings(cells: Mapping[str, ByArea]) -> dict[str, Finding]:
     50.0
     """
 
-    def share(method: str, rival: str, areas: str = AREAS) -> tuple[list[Array], list[Array]]:
+    def share(method: str, rival: str, unit: str, words: str, areas: str = AREAS) -> Finding:
         columns = [axis + a for axis in ("rx", "ry") for a in areas]
         one, other = ([cells[m][c] for c in columns] for m in (method, rival))
-        return one, other
+        return quotient(one, other, unit, f"Position cells of {words}")
 
     over = "over those of the published HF, sums of medians, both filtered."
     hf = "hf-printed-filtered" if "hf-printed-filtered" in cells else "wsn"  # it is the fixes
+    exact = "HF, exact LMI, matched noise, over those of KF, matched noise,"
     return {
-        "headline.kf-share": quotient(
-            *share("kf-matched-filtered", hf),
-            "%",
-            f"Position cells of KF with matched noise {over}",
+        "headline.kf-share": share("kf-matched-filtered", hf, "%", f"KF with matched noise {over}"),
+        "headline.identity-share": share(
+            "kf-identity-filtered", hf, "%", f"KF with Q = R = I {over}"
         ),
-        "headline.identity-share": quotient(
-            *share("kf-identity-filtered", hf), "%", f"Position cells of KF with Q = R = I {over}"
-        ),
-        **{
-            f"exact.over-kalman.{a}": quotient(
-                *share("hf-exact-matched-filtered", "kf-matched-filtered", a),
-                "1",
-                "Position cells of HF, exact LMI, matched noise, over those of KF, matched noise, "
-                f"area {a}, filtered, sums of medians.",
-            )
-            for a in AREAS
-        },
-    }
+    } | {
+        f"exact.over-kalman.{a}": share(
+            "hf-exact-matched-filtered", "kf-matched-filtered", "1",
+            f"{exact} area {a}, filtered, sums of medians.", a,
+        )
+        for a in AREAS
+    }  # fmt: skip
 
 
 def _with_means(cells: ByArea) -> ByArea:

@@ -85,29 +85,25 @@ def taken_off(bridge: Bridge) -> np.ndarray:
 # --- what is known ---
 
 
-@pytest.mark.parametrize("scaled", [True, False])
-def test_a_line_is_learned_and_carried_on(scaled: bool) -> None:
-    """The difference is a line in time: its regressor predicts the outage exactly, to its end."""
+@pytest.mark.parametrize(("scaled", "anchored"), [(True, False), (False, False), (True, True)])
+def test_a_line_is_learned_and_carried_on(scaled: bool, anchored: bool) -> None:
+    """The difference is a line in time: its regressor predicts the outage exactly, to its end.
+
+    Anchored, what the line began with is taken off.
+    """
     drive, run = driven()
-    machine = hybrid(motion=False, scaled=scaled)
+    machine = hybrid(motion=False, scaled=scaled, anchored=anchored)
     bridge = machine.bridge(drive, run, [START], STEPS, ramps=line([0.5, -2.0], [3.0, 1.0]))
     t = np.arange(STEPS + 1)[:, None, None]
-    expected = np.array([3.0, 1.0])[:, None] + t * np.array([0.5, -2.0])[:, None]
+    begun = np.array([0.0, 0.0] if anchored else [3.0, 1.0])
+    expected = begun[:, None] + t * np.array([0.5, -2.0])[:, None]
     expected = np.broadcast_to(expected, (STEPS + 1, 2, 3)).copy()
     expected[0] = 0  # the outage has not begun
-    assert bridge.predicted == pytest.approx(expected)
+    assert bridge.predicted == pytest.approx(expected, abs=1e-9)
     off = taken_off(bridge)
     assert off[..., :2] == pytest.approx(np.moveaxis(expected, 2, 1), abs=1e-4)
     assert not off[..., 2].any()  # heights are left as they are
     assert [m.pairs for m in bridge.machines] == [20] * 3
-
-
-def test_anchored_it_takes_off_what_the_line_began_with() -> None:
-    drive, run = driven()
-    machine = hybrid(motion=False, anchored=True)
-    bridge = machine.bridge(drive, run, [START], STEPS, ramps=line([0.5, -2.0], [3.0, 1.0]))
-    expected = np.arange(STEPS + 1)[:, None, None] * np.array([0.5, -2.0])[:, None]
-    assert bridge.predicted == pytest.approx(np.broadcast_to(expected, (STEPS + 1, 2, 3)), abs=1e-9)
 
 
 def test_hold_gives_the_last_difference_of_the_run() -> None:
