@@ -113,11 +113,6 @@ class ExampleDrive:
 def example_drive(seed: int = 2012) -> ExampleDrive:
     """Simulate the whole way through P1's scene, of which `example_run` is the first area.
 
-    Parameters
-    ----------
-    seed : int
-        Seed of all random numbers.
-
     Examples
     --------
     >>> import numpy as np
@@ -155,12 +150,7 @@ def example_run(seed: int = 2012, correlation_time: float = 0.0) -> ExampleRun:
 
     It is one run of `TrainingAreas`, whose settings say where each number comes from.
 
-    Parameters
-    ----------
-    seed : int
-        Seed of all random numbers.
-    correlation_time : float
-        Of the errors of the network, s; at 0 they are white.
+    Errors of the network are white, or have a correlation time, s.
 
     Examples
     --------

@@ -85,9 +85,8 @@ class RecordedClusters:
             )
         place = heard.anchors[:, :2] - heard.anchors[:, :2].mean(axis=0)
         order = np.argsort(np.arctan2(place[:, 1], place[:, 0]))
-        first, second = (
-            multilaterate_track(_only(heard, order[half::2]), self.ladder.window) for half in (0, 1)
-        )
+        halves = (heard.kept(np.isin(heard.anchor, order[half::2])) for half in (0, 1))
+        first, second = (multilaterate_track(half, self.ladder.window) for half in halves)
         return first, second
 
     @cached_property
@@ -193,10 +192,6 @@ class RecordedClusters:
         return ladder.of(ladder.filters.run(both, force, rate)).places()
 
 
-def _only(ranges: Ranges, anchors: Whole) -> Ranges:
-    return ranges.kept(np.isin(ranges.anchor, anchors))
-
-
 def _nearest(fixes: Fixes, times: Array, most: float) -> Array:
     """Return the horizontal positions whose stamps are nearest to some times, or NaN."""
     after = np.clip(np.searchsorted(fixes.time, times), 1, len(fixes) - 1)
@@ -230,7 +225,8 @@ nothing to correct fixes with.
     @cached_property
     def errors(self) -> dict[str, Array]:
         """Horizontal errors of what a system could have done, (outages, steps), m, by method."""
-        found = {**super().errors, "P1's KF, coasting": self._coasting_kalman()}
+        kalman = self._kalman(self._difference(self.starts)[1])  # its INS drifts
+        found = {**super().errors, "P1's KF, coasting": self._corrected(kalman, self.starts)}
         return found | {f"P1's {name}": self._hybrid(name, self.starts) for name in _LEARNERS}
 
     @cached_property
@@ -261,10 +257,6 @@ nothing to correct fixes with.
         navigator = HybridNavigator(self._kalman, _LEARNERS[name](), window=window)
         run = navigator.run(y, observable_inputs(time[-len(ins) :], ins)[inputs])
         return self._corrected(run.estimates, starts)
-
-    def _coasting_kalman(self) -> Array:
-        """Return the errors of P1's filter alone, whose INS drifts."""
-        return self._corrected(self._kalman(self._difference(self.starts)[1]), self.starts)
 
     def _kalman(self, measured: Array) -> Array:
         model = difference_model(self.ladder.step, *self.ladder.tuned("KF").best)

@@ -84,11 +84,7 @@ def p3_hybrids(settings: FilterSettings, **options: Any) -> dict[str, VehicleHyb
     and targets as they are, since its spread and goal are in their units; ``no time``, the LS-SVM
     without the time since the outage; ``linear``, a linear fit; ``hold``, the last difference held.
 
-    Parameters
-    ----------
-    settings : FilterSettings
-    **options
-        Of `VehicleHybrid`, for all of them.
+    Options of `VehicleHybrid` are for all of them.
 
     Examples
     --------
@@ -160,7 +156,7 @@ def run_outages(
     steps : int
         Length of the outages (epochs).
     hybrids : mapping of str to VehicleHybrid, optional
-        By name. Those with equal settings share what they learn from.
+        By name.
     filters : sequence of str
         Which of `FILTERS` take part.
 

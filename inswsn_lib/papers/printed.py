@@ -57,12 +57,7 @@ def interval(text: Printed) -> Interval:
 def about(text: Printed, half_width: float | Decimal) -> Interval:
     """Return the interval that "about `text`" stands for: the number less and plus a half width.
 
-    Parameters
-    ----------
-    text : str
-        The number as it is printed.
-    half_width : float or decimal.Decimal
-        In the unit of the number, not negative.
+    The half width, not negative, is in the unit of the number.
 
     Examples
     --------
@@ -78,12 +73,7 @@ def about(text: Printed, half_width: float | Decimal) -> Interval:
 
 
 def span(low: float, high: float) -> Interval:
-    """Return the closed interval between two numbers.
-
-    Parameters
-    ----------
-    low, high : float
-        In order.
+    """Return the closed interval between two numbers, which are in order.
 
     Examples
     --------
@@ -111,10 +101,6 @@ def bounds(x: Interval) -> tuple[float, float]:
 def intersects(x: Interval, y: Interval) -> bool:
     """Tell whether two closed intervals have a value in common.
 
-    Parameters
-    ----------
-    x, y : Interval
-
     Examples
     --------
     >>> from inswsn_lib.papers import intersects, span
@@ -125,12 +111,7 @@ def intersects(x: Interval, y: Interval) -> bool:
 
 
 def meet(x: Interval, y: Interval) -> Interval:
-    """Return the interval of the values that two closed intervals have in common.
-
-    Parameters
-    ----------
-    x, y : Interval
-        Those that intersect.
+    """Return the values that two closed intervals have in common, which must intersect.
 
     Examples
     --------
