@@ -150,7 +150,12 @@ def example_run(seed: int = 2012, correlation_time: float = 0.0) -> ExampleRun:
 
     It is one run of `TrainingAreas`, whose settings say where each number comes from.
 
-    Errors of the network are white, or have a correlation time, s.
+    Parameters
+    ----------
+    seed : int
+        Seed of all random numbers.
+    correlation_time : float
+        Of the errors of the network, s; at 0 they are white.
 
     Examples
     --------

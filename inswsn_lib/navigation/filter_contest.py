@@ -230,6 +230,11 @@ def relative_errors(errors: ByArea, network: ByArea) -> tuple[float, float]:
 def relative_loss(errors: ByArea, network: ByArea) -> float:
     """Return the mean of `relative_errors` of position and velocity, by which filters are tuned.
 
+    Parameters
+    ----------
+    errors, network
+        As there.
+
     Examples
     --------
     >>> import numpy as np

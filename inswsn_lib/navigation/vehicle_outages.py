@@ -84,7 +84,11 @@ def p3_hybrids(settings: FilterSettings, **options: Any) -> dict[str, VehicleHyb
     and targets as they are, since its spread and goal are in their units; ``no time``, the LS-SVM
     without the time since the outage; ``linear``, a linear fit; ``hold``, the last difference held.
 
-    Options of `VehicleHybrid` are for all of them.
+    Parameters
+    ----------
+    settings : FilterSettings
+    **options
+        Of `VehicleHybrid`, for all of them.
 
     Examples
     --------

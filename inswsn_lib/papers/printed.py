@@ -57,7 +57,12 @@ def interval(text: Printed) -> Interval:
 def about(text: Printed, half_width: float | Decimal) -> Interval:
     """Return the interval that "about `text`" stands for: the number less and plus a half width.
 
-    The half width, not negative, is in the unit of the number.
+    Parameters
+    ----------
+    text : str
+        The number as it is printed.
+    half_width : float or decimal.Decimal
+        In the unit of the number, not negative.
 
     Examples
     --------
@@ -73,7 +78,12 @@ def about(text: Printed, half_width: float | Decimal) -> Interval:
 
 
 def span(low: float, high: float) -> Interval:
-    """Return the closed interval between two numbers, which are in order.
+    """Return the closed interval between two numbers.
+
+    Parameters
+    ----------
+    low, high : float
+        In order.
 
     Examples
     --------
@@ -101,6 +111,10 @@ def bounds(x: Interval) -> tuple[float, float]:
 def intersects(x: Interval, y: Interval) -> bool:
     """Tell whether two closed intervals have a value in common.
 
+    Parameters
+    ----------
+    x, y : Interval
+
     Examples
     --------
     >>> from inswsn_lib.papers import intersects, span
@@ -111,7 +125,12 @@ def intersects(x: Interval, y: Interval) -> bool:
 
 
 def meet(x: Interval, y: Interval) -> Interval:
-    """Return the values that two closed intervals have in common, which must intersect.
+    """Return the interval of the values that two closed intervals have in common.
+
+    Parameters
+    ----------
+    x, y : Interval
+        Those that intersect.
 
     Examples
     --------

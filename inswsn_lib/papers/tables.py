@@ -72,7 +72,12 @@ def read_rows(path: Path, index: str) -> dict[str, dict[str, str]]:
 
 
 def read_table(path: Path, index: str) -> pd.DataFrame:
-    """Return what `read_rows` does, which says what is refused, as a table.
+    """Return what `read_rows` does as a table.
+
+    Parameters
+    ----------
+    path, index
+        As `read_rows` takes them, which says what is refused.
 
     Examples
     --------
