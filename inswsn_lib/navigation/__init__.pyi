@@ -29,9 +29,9 @@ from .hybrid import (
     observable_inputs as observable_inputs,
 )
 from .lmi_designs import LMIDesigns as LMIDesigns, gain_and_error as gain_and_error
-from .recorded_clusters import RecordedClusters as RecordedClusters
-from .recorded_outages import RecordedOutages as RecordedOutages
 from .recorded_study import (
+    RecordedClusters as RecordedClusters,
+    RecordedOutages as RecordedOutages,
     RecordedStudy as RecordedStudy,
     read_tables as read_tables,
     write_tables as write_tables,
@@ -50,13 +50,6 @@ from .training_areas import (
     table2_cells as table2_cells,
     table2_findings as table2_findings,
 )
-from .trials import (
-    FILTERS as FILTERS,
-    OutageTrials as OutageTrials,
-    outage_size as outage_size,
-    p3_hybrids as p3_hybrids,
-    run_outages as run_outages,
-)
 from .vehicle_hybrid import (
     Bridge as Bridge,
     Machine as Machine,
@@ -64,4 +57,11 @@ from .vehicle_hybrid import (
     VehicleHybrid as VehicleHybrid,
     sensed_motion as sensed_motion,
 )
-from .vehicle_outages import VehicleOutages as VehicleOutages
+from .vehicle_outages import (
+    FILTERS as FILTERS,
+    OutageTrials as OutageTrials,
+    VehicleOutages as VehicleOutages,
+    outage_size as outage_size,
+    p3_hybrids as p3_hybrids,
+    run_outages as run_outages,
+)

@@ -6,11 +6,10 @@ This is what evidence p1-outages computes over many runs, a function of its para
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, lru_cache, partial
 from itertools import product
-from typing import Any, ClassVar, NamedTuple
-from weakref import WeakKeyDictionary
+from typing import Any, NamedTuple
 
 import numpy as np
 from sklearn.dummy import DummyRegressor
@@ -20,10 +19,8 @@ from inswsn_lib.checks import Array
 from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.evaluation import (
     Finding,
-    NoiseFit,
     Scores,
     Tuning,
-    fit_noise,
     mean_absolute_error,
     monte_carlo,
     tune,
@@ -37,17 +34,17 @@ from inswsn_lib.learning import (
     load_regressor,
 )
 from inswsn_lib.lmi import FilterDesign, design_filter
-from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation.hybrid import HybridNavigator, observable_inputs
 from inswsn_lib.navigation.training_areas import (
     AREAS,
     UNKNOWN,
+    ByArea,
+    P1Runs,
+    errors_by_area,
     first_measured,
-    noise_sizes,
-    p1_settings,
 )
 from inswsn_lib.papers import AXES, COLUMNS
-from inswsn_lib.scenario import Setting, from_settings, with_values
+from inswsn_lib.scenario import Setting, with_values
 from inswsn_lib.simulation import Scene
 
 #: Inputs of a learner; with ``state`` it maps the estimate of a step to that of the next
@@ -58,9 +55,6 @@ MOST_JUDGED = 100
 COASTING, HF_COASTING = "Kalman filter, coasting", "H-infinity filter, coasting"
 #: The methods, with their inputs, whose shares are the headlines of the comparison
 HEADLINES = (("LS-SVM", "motion"), ("BP", "motion"), (COASTING, "state"))
-_INERTIAL = (
-    "accelerometer_bias", "accelerometer_scale", "gyro_bias", "heading", "velocity", "position",
-)  # fmt: skip
 _TRIALS = 12
 _WORST = 1e6  # a loss that is no more told apart from a larger one
 
@@ -135,7 +129,7 @@ class Judged(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class BridgedOutages:
+class BridgedOutages(P1Runs):
     r"""P1's scene with its two outages, the hybrid of filter and learner, and its rivals.
 
     Every method has twelve trials and chooses by *rehearsal*: in the training areas of other runs
@@ -158,12 +152,8 @@ class BridgedOutages:
         Kernel width, m, and regularisation that P1 chooses.
     hidden : int
         Neurons of the network.
-    range_noise : float
-        Standard deviation of a range, m.
-    correlation_time, node_bias : float
-        Of the errors of fixes, s; and of nodes, as in `TrainingAreas`.
-    inertial_scale : float
-        Factor on the fitted errors of the INS.
+    range_noise, correlation_time, node_bias, inertial_scale : float
+        As in `TrainingAreas`.
     learner : str
         A scikit-learn regressor, ``package.module:Class``; it takes part as it is made.
 
@@ -177,39 +167,12 @@ class BridgedOutages:
     (50, 4, 2)
     """
 
-    scenarios: ClassVar[tuple[str, ...]] = ("p1", "p1-inertial")
-
-    published: Mapping[str, Setting] = field(default_factory=p1_settings)
-    seed: int = 2012
     runs: int = 256
     tuning_runs: int = 8
     sigma: float = 1000.0
     eta: float = 1000.0
     hidden: int = 10
-    range_noise: float = 0.38
-    correlation_time: float = 0.0
-    node_bias: float = 0.0
-    inertial_scale: float = 1.0
     learner: str = "sklearn.linear_model:LinearRegression"
-
-    @cached_property
-    def settings(self) -> dict[str, Setting]:
-        """The settings of the scene with these parameters."""
-        scaled = {
-            name: np.multiply(self.published[name].value, self.inertial_scale) for name in _INERTIAL
-        }
-        return with_values(
-            self.published,
-            noise=self.range_noise,
-            correlation_time=self.correlation_time,
-            node_bias=self.node_bias,
-            **scaled,
-        )
-
-    @cached_property
-    def scene(self) -> Scene:
-        """The scene."""
-        return from_settings(Scene, self.settings)
 
     @cached_property
     def drawn(self) -> dict[str, Array]:
@@ -254,45 +217,24 @@ class BridgedOutages:
         """The rehearsals of both areas, in the runs on which methods are tuned."""
         return [passage.rehearsal() for passage in self.passages(self.others).values()]
 
-    @cached_property
-    def models(self) -> dict[str, ErrorModel]:
-        """P1's model of each area without its jitter, noise of one unit."""
-        return {a: ErrorModel.p1(self.scene.windows[f"area{a}"].period, 0.0) for a in AREAS}
-
-    @cached_property
-    def noise(self) -> dict[str, NoiseFit]:
-        """Q and R of each area that match the simulation."""
-        return {
-            a: fit_noise(model.A, self.others[f"ins.area{a}"], self.others[f"wsn.area{a}"])
-            for a, model in self.models.items()
-        }
+    @property
+    def _fitted_to(self) -> Mapping[str, ByArea]:
+        return errors_by_area(self.others)
 
     def coasting(self, area: str, ratio: float) -> Callable[[Array], Array]:
         """Return a Kalman filter that assumes Q to be this many times the one that matches."""
-        model = self._assuming(area, ratio)
+        model = self.assuming(ratio)[area]
         return lambda y: run_kalman(model, y, initial_covariance=UNKNOWN)
 
     def coasting_hf(self, area: str, ratio: float, margin: float) -> Callable[[Array], Array]:
         """Return an H-infinity filter of the exact inequality, with the same Q, and its margin."""
-        key = area, ratio, margin
-        if key not in self._designs:
-            self._designs[key] = design_filter(self._assuming(area, ratio), margin=margin)
-        design = self._designs[key]
+        design = self._design(area, ratio, margin)
         return lambda y: run_hinfinity(design, y, initial_state=first_measured(y))
 
     @cached_property
-    def _designs(self) -> dict[tuple[str, float, float], FilterDesign]:
-        """The H-infinity filters by area, ratio and margin: each is tried on many passages."""
-        return {}
-
-    def _assuming(self, area: str, ratio: float) -> ErrorModel:
-        fit = self.noise[area]
-        process = tuple(ratio**0.5 * size for size in noise_sizes(fit.process))
-        return ErrorModel.p1(
-            self.models[area].period,
-            process_noise=process,
-            measurement_noise=noise_sizes(fit.measurement),
-        )
+    def _design(self) -> Callable[[str, float, float], FilterDesign]:
+        """What makes an H-infinity filter, once: each is tried on many passages."""
+        return cache(lambda a, ratio, margin: design_filter(self.assuming(ratio)[a], margin=margin))
 
     @cached_property
     def printed(self) -> LSSVMRegressor:
@@ -324,15 +266,13 @@ class BridgedOutages:
         return run_hinfinity((model, gain), y, initial_state=start, predicted=False)
 
     @cached_property
-    def _filtered(self) -> WeakKeyDictionary[Passage, Array]:
-        """What P1's filter made of passages, which every regressor needs."""
-        return WeakKeyDictionary()
+    def _filtered(self) -> Callable[[Passage], Array]:
+        """What P1's filter makes of a passage, once: every regressor needs it."""
+        return lru_cache(8)(lambda passage: self._published(passage.area, passage.y))
 
     def bridge(self, passage: Passage, regressor: Any, kind: str, **options: Any) -> Array:
         """Return the remaining error of the INS in the outage by the hybrid, (steps, 4, runs)."""
-        if passage not in self._filtered:
-            self._filtered[passage] = self._published(passage.area, passage.y)
-        filtered = self._filtered[passage]
+        filtered = self._filtered(passage)
         hybrid = self.navigator(passage.area, regressor, kind, **options)
         hybrid.filter = lambda _: filtered
         ran = hybrid.run(passage.y, passage.inputs[kind])
@@ -371,16 +311,20 @@ class BridgedOutages:
                 validation_share=0.15, epochs=50, random_state=10_000 * self.seed,
             )  # fmt: skip
 
+        widths, noises = [1, 10, 100, 1000], [1e2, 1e4, 1e6]
         return {
-            "LS-SVM": _every(LSSVMRegressor, [1, 10, 100, 1000], [1e2, 1e4, 1e6]),
+            "LS-SVM": [LSSVMRegressor(*each) for each in product(widths, noises)],
             "LS-SVM, linear kernel": [
                 LSSVMRegressor(1.0, s, "linear") for s in np.logspace(-3, 2.5, _TRIALS)
             ],
-            "BP": _every(network, [2, 5, 10], [0, 1e-4, 1e-3, 1e-2]),
-            "RBF network": _every(
-                lambda s, n: RBFNetworkRegressor(s, max_neurons=n), [1, 3, 10, 30], [3, 6, 12]
-            ),
-            "Gaussian process": _every(_GaussianProcess, [0.3, 1, 3, 10], [0.03, 0.1, 0.3]),
+            "BP": [network(*each) for each in product([2, 5, 10], [0, 1e-4, 1e-3, 1e-2])],
+            "RBF network": [
+                RBFNetworkRegressor(s, max_neurons=n)
+                for s, n in product([1, 3, 10, 30], [3, 6, 12])
+            ],
+            "Gaussian process": [
+                _GaussianProcess(*each) for each in product([0.3, 1, 3, 10], [0.03, 0.1, 0.3])
+            ],
         }
 
     def methods(self, kinds: Iterable[str]) -> dict[tuple[str, str], list[Bridge]]:
@@ -486,11 +430,6 @@ def share_findings(compared: Mapping[tuple[str, str], Judged]) -> dict[str, Find
 def _shares(passages: Iterable[Passage], bridge: Bridge) -> Array:
     """Return a method's shares of the error, one outage after the other."""
     return np.concatenate([passage.shares(bridge(passage)) for passage in passages])
-
-
-def _every(make: Callable[..., Any], *axes: Sequence[float]) -> list[Any]:
-    """Return what is made at each point of a grid."""
-    return [make(*point) for point in product(*axes)]
 
 
 @dataclass(eq=False, repr=False)

@@ -85,11 +85,6 @@ class _Asked(Mapping[str, _Made]):
         return len(self._names)
 
 
-def p2_settings() -> dict[str, Setting]:
-    """Return the settings of P2's scene."""
-    return load_scenario(data_file("scenarios/p2.yaml"))
-
-
 @dataclass(frozen=True, eq=False)
 class ClusterFusion:
     """P2's scene with its clusters, the filters of p2-fusion tuned alike, and their errors.
@@ -134,7 +129,9 @@ class ClusterFusion:
 
     scenarios: ClassVar[tuple[str, ...]] = ("p2",)
 
-    published: Mapping[str, Setting] = field(default_factory=p2_settings)
+    published: Mapping[str, Setting] = field(
+        default_factory=lambda: load_scenario(data_file("scenarios/p2.yaml"))
+    )
     seed: int = 2012
     runs: int = 512
     other_runs: int = 64
@@ -152,17 +149,15 @@ class ClusterFusion:
     @cached_property
     def settings(self) -> dict[str, Setting]:
         """The settings of the scene with these parameters."""
+        same = (
+            "speed", "dropout", "velocity_source", "velocity_noise", "velocity_fixes",
+            "correlation_time", "node_bias",
+        )  # fmt: skip
         return with_values(
             self.published,
-            speed=self.speed,
             noise=self.range_noise,
-            dropout=self.dropout,
-            velocity_source=self.velocity_source,
-            velocity_noise=self.velocity_noise,
-            velocity_fixes=self.velocity_fixes,
-            correlation_time=self.correlation_time,
-            node_bias=self.node_bias,
             accelerometer_bias=[self.accelerometer_bias] * 2,
+            **{name: getattr(self, name) for name in same},
         )
 
     @cached_property

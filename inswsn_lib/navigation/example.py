@@ -113,11 +113,6 @@ class ExampleDrive:
 def example_drive(seed: int = 2012) -> ExampleDrive:
     """Simulate the whole way through P1's scene, of which `example_run` is the first area.
 
-    Parameters
-    ----------
-    seed : int
-        Seed of all random numbers.
-
     Examples
     --------
     >>> import numpy as np

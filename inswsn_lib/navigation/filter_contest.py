@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property, partial
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -15,7 +15,6 @@ from scipy.linalg import block_diag
 from inswsn_lib.checks import Array
 from inswsn_lib.evaluation import Tuning, search_pattern
 from inswsn_lib.filters import adaptive, gating, huber, run_hinfinity, run_kalman, run_robust
-from inswsn_lib.filters.robust import Policy
 from inswsn_lib.lmi import FilterDesign, design_filter
 from inswsn_lib.lmi.designs import Form, Solver
 from inswsn_lib.models import ErrorModel
@@ -81,17 +80,7 @@ class FilterContest:
     areas: TrainingAreas
 
     def build(self, name: str, ratio: float, own: float) -> Estimator:
-        """Return a filter of `CONTESTANTS` with its two numbers.
-
-        Parameters
-        ----------
-        name : str
-            One of `CONTESTANTS`.
-        ratio : float
-            Of the Q that it assumes to the one that matches.
-        own : float
-            The second number.
-        """
+        """Return a filter of `CONTESTANTS`, by the ratio of its Q and its own number."""
         models = self.areas.assuming(ratio)
         if name == "Kalman":
             return kalman(self.kalman_models(ratio, own))
@@ -102,17 +91,21 @@ class FilterContest:
             return lambda a, y: run_coloured(models[a], own, y)
         if name == "Kalman, acceleration states":
             return lambda a, y: run_wandering(models[a], own, y)
-        policies: dict[str, Callable[[], Policy]] = {
-            "Kalman with gating": lambda: gating(1 - min(own, 0.5)),
-            "Kalman with Huber update": lambda: huber(own),
-            "Kalman with adaptive R": lambda: adaptive(1 - min(own, 0.5)),
-        }
-        policy = policies[name]()
+        share = 1 - min(own, 0.5)
+        policy = {
+            "Kalman with gating": partial(gating, share),
+            "Kalman with Huber update": partial(huber, own),
+            "Kalman with adaptive R": partial(adaptive, share),
+        }[name]()
         return lambda a, y: run_robust(models[a], y, policy=policy, initial_covariance=UNKNOWN)
 
     def kalman_models(self, ratio: float, factor: float) -> dict[str, ErrorModel]:
         """Return what the Kalman filter with these two numbers assumes, by area."""
-        return {a: _velocities_times(m, factor) for a, m in self.areas.assuming(ratio).items()}
+        wider = np.repeat([1.0, factor], 2)
+        return {
+            a: m.with_covariances(m.process_covariance, m.measurement_covariance * wider)
+            for a, m in self.areas.assuming(ratio).items()
+        }
 
     def designs(
         self, form: Form, models: Mapping[str, ErrorModel], margin: float
@@ -129,15 +122,10 @@ class FilterContest:
         """The searches for the two numbers of each filter, on other runs than those judged."""
         return {name: self.tuning(name) for name in CONTESTANTS}
 
-    def tuning(self, name: str) -> Tuning[tuple[float, ...]]:
-        """Return the search of one filter, which is made once."""
-        if name not in self._searches:
-            self._searches[name] = self.tune(name)
-        return self._searches[name]
-
     @cached_property
-    def _searches(self) -> dict[str, Tuning[tuple[float, ...]]]:
-        return {}
+    def tuning(self) -> Callable[[str], Tuning[tuple[float, ...]]]:
+        """The search of one filter by its name, which is made once."""
+        return cache(self.tune)
 
     @cached_property
     def tuned(self) -> dict[str, Estimator]:
@@ -231,18 +219,12 @@ def relative_errors(errors: ByArea, network: ByArea) -> tuple[float, float]:
     >>> relative_errors({a: e / 2 for a, e in network.items()}, network)
     (0.5, 0.5)
     """
-    position, velocity = (
-        float(
-            np.mean(
-                [
-                    root_mean_square(errors[a][:, rows]) / root_mean_square(network[a][:, rows])
-                    for a in errors
-                ]
-            )
-        )
-        for rows in PARTS.values()
-    )
-    return position, velocity
+
+    def mean_ratio(rows: slice) -> float:
+        sizes = ((root_mean_square(x[a][:, rows]) for x in (errors, network)) for a in errors)
+        return float(np.mean([own / its for own, its in sizes]))
+
+    return mean_ratio(PARTS["position"]), mean_ratio(PARTS["velocity"])
 
 
 def relative_loss(errors: ByArea, network: ByArea) -> float:
@@ -250,7 +232,7 @@ def relative_loss(errors: ByArea, network: ByArea) -> float:
 
     Parameters
     ----------
-    errors, network : dict of str to ndarray, (steps, 4, runs)
+    errors, network
         As there.
 
     Examples
@@ -267,9 +249,3 @@ def relative_loss(errors: ByArea, network: ByArea) -> float:
 def root_mean_square(values: Array) -> float:
     """Return the root of the mean of squares; NaN left out."""
     return float(np.sqrt(np.nanmean(np.square(values))))
-
-
-def _velocities_times(model: ErrorModel, factor: float) -> ErrorModel:
-    """Return a model whose measured velocities have a variance that many times as large."""
-    R = model.measurement_covariance * np.repeat([1.0, factor], 2)
-    return model.with_covariances(model.process_covariance, R)

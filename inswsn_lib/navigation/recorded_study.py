@@ -1,9 +1,9 @@
-"""All that evidence recorded-data tells of recordings, as tables that can be kept."""
+"""Recordings: two clusters of anchors, P1's learners in outages, and the tables of all."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,21 +13,33 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from inswsn_lib import logs
-from inswsn_lib.checks import Array
+from inswsn_lib import learning, logs
+from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.evaluation import autocorrelation
 from inswsn_lib.files import WRITTEN, read_text
-from inswsn_lib.logs import Ladder, Outages, calibrate
+from inswsn_lib.filters import intersect, run_kalman
+from inswsn_lib.inertial import PositionFixes
+from inswsn_lib.logs import Ladder, Outages, calibrate, multilaterate_track
 from inswsn_lib.logs.correction import COLOURED, TIGHT
-from inswsn_lib.logs.estimates import scores, tag_track
+from inswsn_lib.logs.difference_filters import DifferenceFilters, difference_model
+from inswsn_lib.logs.estimates import Estimate, scores, tag_track
 from inswsn_lib.logs.ladder import FIXED_LAG, SMOOTHER
-from inswsn_lib.navigation.recorded_clusters import RecordedClusters
-from inswsn_lib.navigation.recorded_outages import RecordedOutages
-from inswsn_lib.streams import Ranges, Recording
+from inswsn_lib.logs.network_fixes import UP
+from inswsn_lib.navigation.hybrid import HybridNavigator, observable_inputs
+from inswsn_lib.streams import Fixes, Ranges, Recording, Whole
 
 Tables = dict[str, pd.DataFrame]
 
+#: What P1's hybrid learns from, by the names of `observable_inputs`
+INPUTS = ("inertial", "motion")
+#: Over how many of the latest fixes
+WINDOWS = (25, 50)
+_UNKNOWN = 1e6 * np.eye(4)
+_LEARNERS: Mapping[str, Callable[[], Any]] = {
+    "BP network": lambda: learning.BackpropRegressor(networks=1),
+    "LS-SVM": learning.SelectedLSSVM,
+}
 _FORM = 1
 _LAG = 10.0  # s, to which autocorrelations are taken
 # what a tight filter may assume beside the tuned numbers: errors that soon fade
@@ -35,6 +47,236 @@ _FADING = (0.02, 0.001, 0.05, 0.05, 0.5, 0.02)
 _BOUND = 0.2  # m
 _ALIGNMENTS = (15.0, 20.0, 25.0, 30.0, 40.0)  # s, from which P1's form is started
 _CHOICE = 30.0  # s after the start, by which one of the two is chosen
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedClusters:
+    """Fixes by two halves of the anchors, and what fusion makes of them.
+
+    The anchors are taken in the order of their direction from the middle of all, every other one
+    for each cluster. What a fusion must know of errors, their covariance over both clusters, is
+    measured in the first part of the recording, against the reference; all is judged on the rest.
+
+    Attributes
+    ----------
+    ladder : Ladder
+        With eight anchors or more.
+
+    Examples
+    --------
+    >>> from inswsn_lib.navigation import RecordedClusters
+    >>> from inswsn_lib.logs import Ladder
+    >>> from inswsn_lib.streams import Recording
+    >>> RecordedClusters(Ladder(Recording("empty"))).fixes
+    Traceback (most recent call last):
+    ...
+    inswsn_lib.errors.InswsnError: The recording empty has no ranges to cluster.
+    """
+
+    ladder: Ladder
+
+    @cached_property
+    def fixes(self) -> tuple[Fixes, Fixes]:
+        """Those of each cluster."""
+        heard = self.ladder.recording.ranges
+        if heard is None:
+            raise InswsnError(
+                f"The recording {self.ladder.recording.name} has no ranges to cluster."
+            )
+        place = heard.anchors[:, :2] - heard.anchors[:, :2].mean(axis=0)
+        order = np.argsort(np.arctan2(place[:, 1], place[:, 0]))
+        halves = (heard.kept(np.isin(heard.anchor, order[half::2])) for half in (0, 1))
+        first, second = (multilaterate_track(half, self.ladder.window) for half in halves)
+        return first, second
+
+    @cached_property
+    def positions(self) -> Array:
+        """Horizontal fixes of both clusters at the network's times, (2, fixes, 2); NaN if none."""
+        times = self.ladder.fixes.time
+        return np.stack([_nearest(each, times, self.ladder.window / 2) for each in self.fixes])
+
+    @cached_property
+    def errors(self) -> Array:
+        """Errors of both clusters, x and y of the first and of the second, (fixes, 4)."""
+        return np.hstack(list(self.positions - self.ladder.truth[:, :2]))
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Of these errors about zero, in the first part, (4, 4)."""
+        first = self.ladder.usable & (self.ladder.fixes.time <= self.ladder.split)
+        errors = self.errors[first & np.isfinite(self.errors).all(axis=1)]
+        return np.asarray(errors.T @ errors / len(errors))
+
+    @property
+    def correlation(self) -> tuple[float, float]:
+        """Of the errors of both clusters along x and along y, on the judged fixes."""
+        x, y, others_x, others_y = self.errors[self.judged].T
+        both = [(x, others_x), (y, others_y)]
+        along_x, along_y = (float(np.asarray(np.corrcoef(*pair))[0, 1]) for pair in both)
+        return along_x, along_y
+
+    @cached_property
+    def judged(self) -> Mask:
+        """The judged fixes of the contest at which both clusters have one."""
+        return np.asarray(self.ladder.judged & np.isfinite(self.errors).all(axis=1))
+
+    @cached_property
+    def estimates(self) -> dict[str, Estimate]:
+        """Horizontal positions by each method at the network's times."""
+        P, (one, two) = self.covariance, self.positions
+        blocks = np.stack([P[:2, :2], P[2:, 2:]])
+        independent = P * np.kron(np.eye(2), np.ones((2, 2)))
+        return {
+            "first cluster alone": Estimate(one),
+            "second cluster alone": Estimate(two),
+            "mean of both": Estimate((one + two) / 2),
+            "weighted, as if independent": self._weighted(independent),
+            "covariance intersection": self._intersected(blocks),
+            "weighted, correlation known": self._weighted(P),
+            "all anchors at once": self.ladder.network.places(),
+            "filter on the fixes of both": self._filtered(),
+            "filter on all anchors at once": self.ladder.estimates[COLOURED].places(),
+        }
+
+    def table(self) -> pd.DataFrame:
+        """Return the scores on the judged fixes, with ratios to *all anchors at once*.
+
+        Returns
+        -------
+        DataFrame
+            ``position`` (m), ``position_ratio``, ``position_low``, ``position_high`` by
+            `block_ratio`, and ``nees`` over 2 of what says a covariance.
+        """
+        rows, truth = self.judged, self.ladder.truth[:, :2]
+        others = self.ladder.network.state[rows, :2] - truth[rows]
+        found = {
+            name: scores(each.part(rows), truth[rows], others)
+            for name, each in self.estimates.items()
+        }
+        return pd.DataFrame(found).T
+
+    def _weighted(self, covariance: Array) -> Estimate:
+        """Return the best linear fusion for a covariance of both (Bar-Shalom and Campo 1986)."""
+        H = np.vstack([np.eye(2), np.eye(2)])
+        information = np.linalg.solve(covariance, H)
+        fused = np.linalg.inv(H.T @ information)
+        state = np.hstack(list(self.positions)) @ information @ fused
+        return Estimate(state, np.tile(fused, (len(state), 1, 1)))
+
+    def _intersected(self, blocks: Array) -> Estimate:
+        there = np.isfinite(self.errors).all(axis=1)
+        both = self.positions[:, there].transpose(0, 2, 1)
+        state = np.full(self.positions.shape[1:], np.nan)
+        fused, P = intersect(both, blocks, weights="trace")
+        state[there] = fused.T
+        return Estimate(state, np.tile(P, (len(state), 1, 1)))
+
+    def _filtered(self) -> Estimate:
+        """Return the loosely coupled filter on both clusters, each with its own coloured errors.
+
+        Its noises are those tuned for all anchors, times what the errors of a cluster are larger by
+        in the first part.
+        """
+        ladder = self.ladder
+        force, rate, white, coloured, time = ladder.tuned(COLOURED).best
+        first = ladder.usable & (ladder.fixes.time <= ladder.split)
+        whole = np.square(ladder.network.state - ladder.truth)[first, :2].mean()
+        larger = np.sqrt(np.diag(self.covariance).reshape(2, 2).mean(axis=1) / whole)
+        both = [
+            PositionFixes(
+                fixes, ladder.recording.lever_arm, more * white * UP, more * coloured * UP,
+                np.full(3, time),
+            )
+            for fixes, more in zip(self.fixes, larger, strict=True)
+        ]  # fmt: skip
+        return ladder.of(ladder.filters.run(both, force, rate)).places()
+
+
+def _nearest(fixes: Fixes, times: Array, most: float) -> Array:
+    """Return the horizontal positions whose stamps are nearest to some times, or NaN."""
+    after = np.clip(np.searchsorted(fixes.time, times), 1, len(fixes) - 1)
+    earlier = times - fixes.time[after - 1] < fixes.time[after] - times
+    row = np.where(earlier, after - 1, after)
+    there = np.abs(fixes.time[row] - times) <= most
+    return np.where(there[:, None], fixes.position[row, :2], np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedOutages(Outages):
+    """Outages of a recording with a reference, in which P1's hybrids take part, too.
+
+    Attributes
+    ----------
+    ladder, longest, every
+        As of `Outages`.
+
+    Examples
+    --------
+    >>> from inswsn_lib.navigation import RecordedOutages
+    >>> from inswsn_lib.logs import Ladder
+    >>> from inswsn_lib.streams import Recording
+    >>> RecordedOutages(Ladder(Recording("empty"))).starts
+    Traceback (most recent call last):
+    ...
+    inswsn_lib.errors.InswsnError: The recording empty has neither an IMU nor odometry: there is \
+nothing to correct fixes with.
+    """
+
+    @cached_property
+    def errors(self) -> dict[str, Array]:
+        """Horizontal errors of what a system could have done, (outages, steps), m, by method."""
+        kalman = self._kalman(self._difference(self.starts)[1])  # its INS drifts
+        found = {**super().errors, "P1's KF, coasting": self._corrected(kalman, self.starts)}
+        return found | {f"P1's {name}": self._hybrid(name, self.starts) for name in _LEARNERS}
+
+    @cached_property
+    def settings(self) -> dict[str, tuple[str, int]]:
+        """The inputs and the window of each learner, by every second outage of the tuning part."""
+        ladder = self.ladder
+        begin, end = ladder.start.time + self.longest, ladder.split - self.longest
+        starts = self.begins(begin, end)[::2]
+        choices = [(inputs, window) for inputs in INPUTS for window in WINDOWS]
+        return {
+            name: min(
+                choices,
+                key=lambda c: float(np.nanmean(np.square(self._hybrid(name, starts, c)))),
+            )
+            for name in _LEARNERS
+        }
+
+    @property
+    def _filters(self) -> DifferenceFilters:
+        found = self.ladder.difference
+        assert found is not None  # beside an IMU
+        return found
+
+    def _hybrid(self, name: str, starts: Whole, choice: tuple[str, int] | None = None) -> Array:
+        """Return the errors of P1's hybrid, whose filter and learner have an INS that drifts."""
+        inputs, window = choice or self.settings[name]
+        time, (ins, y) = self.ladder.fixes.time, self._difference(starts)
+        navigator = HybridNavigator(self._kalman, _LEARNERS[name](), window=window)
+        run = navigator.run(y, observable_inputs(time[-len(ins) :], ins)[inputs])
+        return self._corrected(run.estimates, starts)
+
+    def _kalman(self, measured: Array) -> Array:
+        model = difference_model(self.ladder.step, *self.ladder.tuned("KF").best)
+        return run_kalman(model, measured, initial_covariance=_UNKNOWN)
+
+    def _difference(self, starts: Whole) -> tuple[Array, Array]:
+        """Return an INS that drifts, (rows, 4), and INS less network, (rows, 4, outages)."""
+        ins, network = self._filters.ins, self.ladder.network.state
+        first = int(np.flatnonzero(np.isfinite(ins).all(axis=1))[0])
+        y = np.repeat((ins - network)[first:, :, None], len(starts), axis=2)
+        for outage, k in enumerate(starts - first):
+            y[k + 1 : k + 1 + self.steps, :, outage] = np.nan
+            y[k + 1 + self.steps :, :, outage] = 0.0  # after the outage nobody asks
+        return ins[first:], y
+
+    def _corrected(self, errors: Array, starts: Whole) -> Array:
+        """Return the errors of the INS less its errors (rows, 4, outages), in the outages."""
+        places = self._filters.ins[-len(errors) :, :2, None] - errors[:, :2]
+        ahead = self.ahead(starts) - (len(self.ladder.fixes) - len(errors))
+        return self.apart(np.array([places[steps, :, k] for k, steps in enumerate(ahead)]), starts)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,8 @@ from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import WRITTEN, read_text
 from inswsn_lib.inertial import metres
-from inswsn_lib.navigation.trials import as_starts, run_outages
 from inswsn_lib.navigation.vehicle_hybrid import VehicleHybrid
+from inswsn_lib.navigation.vehicle_outages import as_starts, run_outages
 from inswsn_lib.streams import Recording
 from inswsn_lib.vehicle import (
     FilterSettings,

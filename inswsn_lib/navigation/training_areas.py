@@ -5,10 +5,11 @@ This is what evidence p1-training computes over many runs, a function of its par
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,7 +28,7 @@ from inswsn_lib.evaluation import (
 from inswsn_lib.files import data_file
 from inswsn_lib.filters import deadbeat_gain, run_hinfinity, run_kalman, run_schmidt
 from inswsn_lib.lmi import FilterDesign, design_filter
-from inswsn_lib.lmi.designs import Solver
+from inswsn_lib.lmi.designs import Form, Solver
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.papers import AXES, COLUMNS
 from inswsn_lib.scenario import Setting, from_settings, load_scenario, with_values
@@ -39,6 +40,10 @@ ByArea = dict[str, Array]
 Designs = dict[str, dict[str, FilterDesign]]
 
 AREAS = "12"
+# Errors of the INS that are fitted, and its start
+_INERTIAL = (
+    "accelerometer_bias", "accelerometer_scale", "gyro_bias", "heading", "velocity", "position",
+)  # fmt: skip
 #: P_0 of the Kalman filters: they know nothing before the first measurement
 UNKNOWN = 1e6 * np.eye(4)
 #: The methods that `TrainingAreas.scores` compares, of those that `TrainingAreas.estimate` knows
@@ -60,7 +65,74 @@ def p1_settings() -> dict[str, Setting]:
 
 
 @dataclass(frozen=True, eq=False)
-class TrainingAreas:
+class P1Runs(ABC):
+    """P1's scene in many runs, and the noise that its filters assume: see `TrainingAreas`."""
+
+    scenarios: ClassVar[tuple[str, ...]] = ("p1", "p1-inertial")
+
+    published: Mapping[str, Setting] = field(default_factory=p1_settings)
+    seed: int = 2012
+    runs: int = 1024
+    range_noise: float = 0.38
+    correlation_time: float = 0.0
+    node_bias: float = 0.0
+    inertial_scale: float = 1.0
+
+    @cached_property
+    def settings(self) -> dict[str, Setting]:
+        """The settings of the scene with these parameters."""
+        scaled = {
+            name: np.multiply(self.published[name].value, self.inertial_scale) for name in _INERTIAL
+        }
+        return with_values(
+            self.published,
+            noise=self.range_noise,
+            correlation_time=self.correlation_time,
+            node_bias=self.node_bias,
+            **scaled,
+            **self._changes(),
+        )
+
+    def _changes(self) -> dict[str, Any]:
+        """Return other settings that parameters change."""
+        return {}
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The scene."""
+        return from_settings(Scene, self.settings)
+
+    @property
+    @abstractmethod
+    def _fitted_to(self) -> Mapping[str, ByArea]:
+        """Errors in runs of the next seed, from which noise figures are fitted."""
+
+    @cached_property
+    def models(self) -> dict[str, ErrorModel]:
+        """P1's model of each area without its jitter, noise of one unit."""
+        return {a: ErrorModel.p1(self.scene.windows[f"area{a}"].period) for a in AREAS}
+
+    @cached_property
+    def noise(self) -> dict[str, NoiseFit]:
+        """Q and R of each area that match the simulation."""
+        ins, network = self._fitted_to["ins"], self._fitted_to["wsn"]
+        return {a: fit_noise(model.A, ins[a], network[a]) for a, model in self.models.items()}
+
+    def assuming(self, ratio: float) -> dict[str, ErrorModel]:
+        """Return the models that assume Q to be this many times the one that matches."""
+        models = {}
+        for a, fit in self.noise.items():
+            position, velocity = noise_sizes(fit.process)
+            models[a] = ErrorModel.p1(
+                self.models[a].period,
+                process_noise=(ratio**0.5 * position, ratio**0.5 * velocity),
+                measurement_noise=noise_sizes(fit.measurement),
+            )
+        return models
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingAreas(P1Runs):
     r"""P1's scene with its network, what the filters of p1-training assume, and their errors.
 
     The filters assume one standard deviation for position and one for velocity of Q and of R,
@@ -109,56 +181,28 @@ class TrainingAreas:
     1.0 1.5 130.8
     """
 
-    scenarios: ClassVar[tuple[str, ...]] = ("p1", "p1-inertial")
-
-    published: Mapping[str, Setting] = field(default_factory=p1_settings)
-    seed: int = 2012
-    runs: int = 1024
     other_runs: int = 256
     period_area1: float = 0.2
     period_area2: float = 0.21
     speed: float = 7.5
-    range_noise: float = 0.38
     velocity_source: str = "sensor"
     velocity_noise: float = 0.126
-    correlation_time: float = 0.0
-    node_bias: float = 0.0
     accelerometer_noise: float = 0.005
     gyro_noise: float = 0.0005
-    inertial_scale: float = 1.0
     q_scale: float = 1.0
     time_scale: float = 1.0
     solver: Solver = "clarabel"
 
-    @cached_property
-    def settings(self) -> dict[str, Setting]:
-        """The settings of the scene with these parameters."""
+    def _changes(self) -> dict[str, Any]:
         slower = self.time_scale
         times = ("lead", "between", "inertial_interval")
-        inertial = ("accelerometer_bias", "accelerometer_scale", "gyro_bias")
-        start = ("heading", "velocity", "position")
-        return with_values(
-            self.published,
-            periods=[slower * self.period_area1, slower * self.period_area2],
-            speed=self.speed / slower,
-            noise=self.range_noise,
-            velocity_source=self.velocity_source,
-            velocity_noise=self.velocity_noise,
-            correlation_time=self.correlation_time,
-            node_bias=self.node_bias,
-            accelerometer_noise=self.accelerometer_noise,
-            gyro_noise=self.gyro_noise,
+        same = ("velocity_source", "velocity_noise", "accelerometer_noise", "gyro_noise")
+        return {
+            "periods": [slower * self.period_area1, slower * self.period_area2],
+            "speed": self.speed / slower,
+            **{name: getattr(self, name) for name in same},
             **{name: slower * self.published[name].value for name in times},
-            **{
-                name: np.multiply(self.published[name].value, self.inertial_scale)
-                for name in (*inertial, *start)
-            },
-        )
-
-    @cached_property
-    def scene(self) -> Scene:
-        """The scene."""
-        return from_settings(Scene, self.settings)
+        }
 
     @cached_property
     def drawn(self) -> dict[str, ByArea]:
@@ -169,6 +213,10 @@ class TrainingAreas:
     def others(self) -> dict[str, ByArea]:
         """The same in the runs from which noise figures are fitted."""
         return errors_by_area(monte_carlo(self.scene.simulate, self.other_runs, self.seed + 1))
+
+    @property
+    def _fitted_to(self) -> Mapping[str, ByArea]:
+        return self.others
 
     def told(self, q_scale: float) -> TrainingAreas:
         """Return the same runs, with filters that assume another multiple of Q."""
@@ -190,24 +238,6 @@ class TrainingAreas:
         return {a: replace(model, E=np.zeros((4, 4))) for a, model in self.models.items()}
 
     @cached_property
-    def noise(self) -> dict[str, NoiseFit]:
-        """Q and R of each area that match the simulation."""
-        ins, network = self.others["ins"], self.others["wsn"]
-        return {a: fit_noise(model.A, ins[a], network[a]) for a, model in self.models.items()}
-
-    def assuming(self, ratio: float) -> dict[str, ErrorModel]:
-        """Return the models that assume Q to be this many times the one that matches."""
-        models = {}
-        for a, fit in self.noise.items():
-            position, velocity = noise_sizes(fit.process)
-            models[a] = ErrorModel.p1(
-                self.models[a].period,
-                process_noise=(ratio**0.5 * position, ratio**0.5 * velocity),
-                measurement_noise=noise_sizes(fit.measurement),
-            )
-        return models
-
-    @cached_property
     def matched(self) -> dict[str, ErrorModel]:
         """The models that matched filters assume."""
         return self.assuming(self.q_scale)
@@ -223,9 +253,8 @@ class TrainingAreas:
         return self._designs(self.identity)
 
     def _designs(self, models: Mapping[str, ErrorModel]) -> Designs:
-        forms: tuple[Literal["exact", "printed"], ...] = ("exact", "printed")
         design = partial(design_filter, solver=(self.solver, "clarabel"))
-        return {form: {a: design(model, form) for a, model in models.items()} for form in forms}
+        return {f: {a: design(m, f) for a, m in models.items()} for f in get_args(Form)}
 
     @cached_property
     def deadbeat(self) -> dict[str, tuple[ErrorModel, Array]]:
@@ -434,32 +463,26 @@ def table2_findings(cells: Mapping[str, ByArea]) -> dict[str, Finding]:
     50.0
     """
 
-    def share(method: str, rival: str, areas: str = AREAS) -> tuple[list[Array], list[Array]]:
+    def share(method: str, rival: str, unit: str, words: str, areas: str = AREAS) -> Finding:
         columns = [axis + a for axis in ("rx", "ry") for a in areas]
         one, other = ([cells[m][c] for c in columns] for m in (method, rival))
-        return one, other
+        return quotient(one, other, unit, f"Position cells of {words}")
 
     over = "over those of the published HF, sums of medians, both filtered."
     hf = "hf-printed-filtered" if "hf-printed-filtered" in cells else "wsn"  # it is the fixes
+    exact = "HF, exact LMI, matched noise, over those of KF, matched noise,"
     return {
-        "headline.kf-share": quotient(
-            *share("kf-matched-filtered", hf),
-            "%",
-            f"Position cells of KF with matched noise {over}",
+        "headline.kf-share": share("kf-matched-filtered", hf, "%", f"KF with matched noise {over}"),
+        "headline.identity-share": share(
+            "kf-identity-filtered", hf, "%", f"KF with Q = R = I {over}"
         ),
-        "headline.identity-share": quotient(
-            *share("kf-identity-filtered", hf), "%", f"Position cells of KF with Q = R = I {over}"
-        ),
-        **{
-            f"exact.over-kalman.{a}": quotient(
-                *share("hf-exact-matched-filtered", "kf-matched-filtered", a),
-                "1",
-                "Position cells of HF, exact LMI, matched noise, over those of KF, matched noise, "
-                f"area {a}, filtered, sums of medians.",
-            )
-            for a in AREAS
-        },
-    }
+    } | {
+        f"exact.over-kalman.{a}": share(
+            "hf-exact-matched-filtered", "kf-matched-filtered", "1",
+            f"{exact} area {a}, filtered, sums of medians.", a,
+        )
+        for a in AREAS
+    }  # fmt: skip
 
 
 def _with_means(cells: ByArea) -> ByArea:

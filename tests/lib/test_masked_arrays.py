@@ -11,7 +11,7 @@ import pytest
 
 import inswsn_lib as iw
 from inswsn_lib.evaluation import cluster_mean, largest_error
-from inswsn_lib.navigation.trials import as_starts
+from inswsn_lib.navigation.vehicle_outages import as_starts
 from inswsn_lib.simulation import coloured
 from inswsn_lib.streams import Fixes, Imu, Ranges
 

@@ -10,8 +10,7 @@ import numpy as np
 from inswsn_lib.checks import Array
 from inswsn_lib.evaluation import Finding
 from inswsn_lib.navigation.recorded_trials import RecordedTrials
-from inswsn_lib.navigation.trials import outage_size
-from inswsn_lib.navigation.vehicle_outages import LONG, OUTAGE
+from inswsn_lib.navigation.vehicle_outages import LONG, OUTAGE, outage_size
 
 #: The methods that P3 has or that stand for its KF, in words
 WORDS = {

@@ -81,28 +81,19 @@ def test_what_is_left_of_the_ins_is_all_if_nothing_is_corrected(outages: Bridged
     assert passage.loss(left) == pytest.approx(1.5)
 
 
-def test_the_mean_of_the_last_fixes_knows_an_error_that_stands_still(
-    outages: BridgedOutages,
-) -> None:
-    passage = made(outages, 0.0)
-    left = outages.bridge(passage, DummyRegressor(), "time", window=1, least=1)
-    assert np.abs(left).max() < 1e-12
-
-
-def test_a_line_and_the_last_state_know_a_steady_drift(outages: BridgedOutages) -> None:
-    passage = made(outages, 0.3)
+def test_a_drift_is_known_to_who_assumes_it(outages: BridgedOutages) -> None:
+    still, steady = made(outages, 0.0), made(outages, 0.3)
+    held = partial(
+        outages.bridge, regressor=DummyRegressor(), kind="time", window=1, least=1
+    )  # the last fix
+    assert np.abs(held(still)).max() < 1e-12
+    assert steady.shares(held(steady))[:2].min() > 0.05
     for kind in ("time", "state"):
-        shares = outages.judge([passage], LinearRegression(), kind)
+        shares = outages.judge([steady], LinearRegression(), kind)
         assert shares.shape == (4, RUNS)
         assert shares.max() < 1e-9
-
-
-def test_the_coasting_filter_knows_a_steady_drift(outages: BridgedOutages) -> None:
-    passage = made(outages, 0.3)
-    # it believes the model, and has seen a hundred fixes without noise
-    assert passage.shares(outages.coast(passage, 1e-4))[:2].max() < 1e-3
-    held = outages.bridge(passage, DummyRegressor(), "time", window=1, least=1)
-    assert passage.shares(held)[:2].min() > 0.05
+    # the filter believes the model, and has seen a hundred fixes without noise
+    assert steady.shares(outages.coast(steady, 1e-4))[:2].max() < 1e-3
 
 
 def test_of_settings_the_one_with_the_least_loss_in_rehearsal_is_judged(

@@ -14,7 +14,7 @@ from scipy.linalg import block_diag
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.filters import patterns_of, run_switched
 from inswsn_lib.lmi import design_filter
-from inswsn_lib.navigation import ClusterFusion, cluster_fusion, planar_rms, widen_velocities
+from inswsn_lib.navigation import ClusterFusion, cluster_fusion, planar_rms
 from inswsn_lib.scenario import with_values
 
 #: Numbers of each method, in place of a search
@@ -155,14 +155,6 @@ def test_a_step_without_an_estimate_is_left_out() -> None:
     error = np.ones((4, 4, 1))
     error[0] = np.nan
     assert planar_rms(error) == pytest.approx(np.sqrt([[2.0], [2.0]]))
-
-
-def test_velocities_are_believed_less() -> None:
-    R = np.arange(16.0).reshape(4, 4)
-    wider = widen_velocities(R, 10.0)
-    np.testing.assert_array_equal(wider[2:, 2:], 10 * R[2:, 2:])
-    wider[2:, 2:] = R[2:, 2:]
-    np.testing.assert_array_equal(wider, R)
 
 
 @pytest.mark.parametrize("values", [{"speed": -1.0}, {"velocity_source": "guess"}])

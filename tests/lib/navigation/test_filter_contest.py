@@ -9,7 +9,7 @@ from inswsn_book.evidence.filter_map import FilterMap
 from inswsn_lib.filters import run_kalman
 from inswsn_lib.navigation import CONTESTANTS, FilterContest, TrainingAreas
 from inswsn_lib.navigation.filter_contest import TRIALS, run_wandering
-from inswsn_lib.navigation.training_areas import UNKNOWN, run_coloured
+from inswsn_lib.navigation.training_areas import UNKNOWN
 
 
 @pytest.fixture(scope="module")
@@ -76,27 +76,12 @@ def test_a_filter_with_acceleration_states_takes_a_bias_off() -> None:
     assert np.abs(lag[-1, :2]).max() > 1e-2
 
 
-def test_white_errors_need_no_states_and_predictions_are_those_of_the_kalman_filter() -> None:
-    areas = TrainingAreas(runs=3, other_runs=40)
-    y = areas.drawn["ins"]["1"] - areas.drawn["wsn"]["1"]
-    for predicted in (False, True):
-        np.testing.assert_array_equal(
-            run_coloured(areas.matched["1"], 0.0, y, predicted=predicted),
-            run_kalman(areas.matched["1"], y, initial_covariance=UNKNOWN, predicted=predicted),
-        )
-
-
 def test_one_that_is_told_the_truth_is_the_tuned_filter_or_a_better_one(chart: FilterMap) -> None:
     nothing = chart.errors("correlation", 0.0)
     assert nothing["told"] == nothing["kalman"]
     for ground, size in (("bias", 3.0), ("correlation", 5.0), ("assumed-q", 1e-4)):
         found = chart.errors(ground, size)
         assert sum(found["told"]) < 0.9 * sum(found["kalman"])
-
-
-def test_the_network_is_what_all_is_held_against(chart: FilterMap) -> None:
-    for ground, size in (("bias", 1.0), ("outliers", 10.0), ("adversary", 50.0)):
-        assert chart.errors(ground, size)["network"] == (1.0, 1.0)
 
 
 def test_against_an_adversary_the_bound_orders_the_filters(chart: FilterMap) -> None:

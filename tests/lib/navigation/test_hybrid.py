@@ -194,16 +194,6 @@ def test_with_fewer_than_ten_pairs_the_filter_goes_on(feedback: bool, enough: in
             assert np.array_equal(run.estimates, kalman(y))
 
 
-def test_inputs_and_targets_are_scaled_unless_it_is_said() -> None:
-    y, u = noise(12, 30, 1, (20, 30)), np.arange(30.0)[:, None]
-    default, scaled, plain = (
-        HybridNavigator(same, Ridge(), **by).run(y, u).estimates
-        for by in ({}, {"scaled": True}, {"scaled": False})
-    )
-    assert np.array_equal(default, scaled)
-    assert not np.allclose(default, plain)
-
-
 @pytest.mark.parametrize(
     "regressor",
     [make_pipeline(PolynomialFeatures(2), Ridge()), BackpropRegressor(3, epochs=10, networks=2)],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 from functools import cache
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import pytest
@@ -39,16 +39,40 @@ def hybrid(regressor: Any = None, **changes: Any) -> VehicleHybrid:
     return VehicleHybrid(KNOWN, regressor or LinearRegression(), **(SHORT | changes))
 
 
-def line(slope: ArrayLike, offset: ArrayLike, runs: int = 3) -> Ramps:
-    """Return simulated outages in which the difference grows by a line in time."""
-    begun = np.arange(0, START, 10)
-    steps = np.arange(1, 11)
-    ramp, elapsed, run = (
-        x.ravel() for x in np.meshgrid(begun, steps, np.arange(runs), indexing="ij")
-    )
-    difference = np.asarray(offset) + elapsed[:, None] * np.asarray(slope)
+def made_ramps(slopes: ArrayLike, offset: ArrayLike = (0.0, 0.0)) -> Ramps:
+    """Return ramps of 10 s that grow by lines: slopes (runs, ramps), or with east and north."""
+    rates = np.atleast_3d(slopes) * np.ones(2)
+    run, number, step = (x.ravel() for x in np.indices((*rates.shape[:2], 10)))
+    elapsed, difference = step + 1, np.asarray(offset) + (step[:, None] + 1) * rates[run, number]
     motion = np.random.default_rng(0).normal(size=(len(run), 3))
-    return Ramps(ramp + elapsed, run, ramp, elapsed.astype(float), motion, difference)
+    return Ramps(10 * number + elapsed, run, 10 * number, elapsed.astype(float), motion, difference)
+
+
+def line(slope: ArrayLike, offset: ArrayLike) -> Ramps:
+    """Return ramps until the start that are alike, of three runs."""
+    return made_ramps(np.broadcast_to(slope, (3, START // 10, 2)), offset)
+
+
+class Spy(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: ignore[misc]
+    """Keeps, in the order of the runs, what clones are trained on; each predicts what is said."""
+
+    seen: ClassVar[list[tuple[np.ndarray, np.ndarray]]] = []
+
+    def __init__(self, says: Any = None) -> None:
+        self.says = says
+
+    def fit(self, X: np.ndarray, y: np.ndarray) -> Self:
+        self.number_ = len(Spy.seen)
+        Spy.seen.append((X, y))
+        return self
+
+    def predict(self, X: np.ndarray) -> np.ndarray:
+        return np.ones((len(X), 2)) if self.says is None else self.says[:, self.number_]
+
+
+@pytest.fixture(autouse=True)
+def _spy_is_fresh() -> None:
+    Spy.seen.clear()
 
 
 def taken_off(bridge: Bridge) -> np.ndarray:
@@ -61,29 +85,25 @@ def taken_off(bridge: Bridge) -> np.ndarray:
 # --- what is known ---
 
 
-@pytest.mark.parametrize("scaled", [True, False])
-def test_a_line_is_learned_and_carried_on(scaled: bool) -> None:
-    """The difference is a line in time: its regressor predicts the outage exactly, to its end."""
+@pytest.mark.parametrize(("scaled", "anchored"), [(True, False), (False, False), (True, True)])
+def test_a_line_is_learned_and_carried_on(scaled: bool, anchored: bool) -> None:
+    """The difference is a line in time: its regressor predicts the outage exactly, to its end.
+
+    Anchored, what the line began with is taken off.
+    """
     drive, run = driven()
-    machine = hybrid(motion=False, scaled=scaled)
+    machine = hybrid(motion=False, scaled=scaled, anchored=anchored)
     bridge = machine.bridge(drive, run, [START], STEPS, ramps=line([0.5, -2.0], [3.0, 1.0]))
     t = np.arange(STEPS + 1)[:, None, None]
-    expected = np.array([3.0, 1.0])[:, None] + t * np.array([0.5, -2.0])[:, None]
+    begun = np.array([0.0, 0.0] if anchored else [3.0, 1.0])
+    expected = begun[:, None] + t * np.array([0.5, -2.0])[:, None]
     expected = np.broadcast_to(expected, (STEPS + 1, 2, 3)).copy()
     expected[0] = 0  # the outage has not begun
-    assert bridge.predicted == pytest.approx(expected)
+    assert bridge.predicted == pytest.approx(expected, abs=1e-9)
     off = taken_off(bridge)
     assert off[..., :2] == pytest.approx(np.moveaxis(expected, 2, 1), abs=1e-4)
     assert not off[..., 2].any()  # heights are left as they are
     assert [m.pairs for m in bridge.machines] == [20] * 3
-
-
-def test_anchored_it_takes_off_what_the_line_began_with() -> None:
-    drive, run = driven()
-    machine = hybrid(motion=False, anchored=True)
-    bridge = machine.bridge(drive, run, [START], STEPS, ramps=line([0.5, -2.0], [3.0, 1.0]))
-    expected = np.arange(STEPS + 1)[:, None, None] * np.array([0.5, -2.0])[:, None]
-    assert bridge.predicted == pytest.approx(np.broadcast_to(expected, (STEPS + 1, 2, 3)), abs=1e-9)
 
 
 def test_hold_gives_the_last_difference_of_the_run() -> None:
@@ -116,17 +136,7 @@ def test_the_better_branch_is_the_one_with_the_true_difference() -> None:
     size = metres(np.moveaxis(second, 2, 1))
     truth = (np.moveaxis(branch.first - second, 2, 1) * size)[..., [1, 0]]
 
-    class Oracle(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: ignore[misc]
-        made = 0
-
-        def fit(self, X: Any, y: Any) -> Self:
-            self.number_, Oracle.made = Oracle.made, Oracle.made + 1
-            return self
-
-        def predict(self, X: Any) -> np.ndarray:
-            return np.asarray(truth[:, self.number_])
-
-    bridge = hybrid(Oracle(), scaled=False).bridge(drive, run, [START], STEPS, branch=branch)
+    bridge = hybrid(Spy(truth), scaled=False).bridge(drive, run, [START], STEPS, branch=branch)
     apart = (bridge.position - second) * np.moveaxis(size, 1, 2)
     assert np.abs(apart[:, :2]).max() < 1e-3
     assert np.abs((branch.first - second) * np.moveaxis(size, 1, 2))[-1, :2].max() > 0.1
@@ -249,19 +259,10 @@ def test_body_axes_turn_there_and_back() -> None:
 
 def trained_on(machine: VehicleHybrid, ramps: Ramps, which: int, start: int) -> Ramps:
     """Return the pairs that a machine is trained on, told by numbers that stand for rows."""
-    rows: list[int] = []
-
-    class Spy(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: ignore[misc]
-        def fit(self, X: Any, y: Any) -> Self:
-            rows.extend(y[:, 0].astype(int))
-            return self
-
-        def predict(self, X: Any) -> np.ndarray:
-            return np.zeros((len(X), 2))
-
     numbers = np.arange(len(ramps.run), dtype=float)
     known = replace(ramps, difference=np.column_stack([numbers, numbers]))
     replace(machine, regressor=Spy(), scaled=False).train(known, which, start)
+    rows = Spy.seen[0][1][:, 0].astype(int)
     return Ramps(**{f.name: getattr(ramps, f.name)[rows] for f in fields(Ramps)})
 
 
@@ -304,20 +305,15 @@ def test_starts_do_not_disturb_each_other(restart: Any) -> None:
     assert np.array_equal(both.position[:, :, :3], alone.position)
 
 
-def altered(drive: Drive, since: int, run: int | None = None) -> Drive:
-    """Return the drive with other data in all sensors after an epoch, of one run or of all."""
+def altered(drive: Drive, since: int) -> Drive:
+    """Return the drive with other data in all sensors after an epoch."""
     rng = np.random.default_rng(5)
     values = {}
     for name in SENSORS:
         value = getattr(drive, name).copy()
-        per_epoch = 100 if name in SENSORS[:2] else 1
-        first = since * 100 if per_epoch == 100 else since + 1
-        size = np.abs(value).max()
-        noise = rng.normal(size=value[first:].shape) * size * (1e-6 if "position" in name else 0.3)
-        if run is None:
-            value[first:] += noise
-        else:
-            value[first:, ..., run] += noise[..., run]
+        first = since * 100 if name in SENSORS[:2] else since + 1
+        size = np.abs(value).max() * (1e-6 if "position" in name else 0.3)
+        value[first:] += size * rng.normal(size=value[first:].shape)
         values[name] = value
     return changed(drive, **values)
 
@@ -361,17 +357,6 @@ def test_the_end_of_the_drive_is_not_known(restart: Any) -> None:
     assert np.array_equal(found.position, again.position)
 
 
-@pytest.mark.parametrize("disturbed", [0, 1])
-def test_other_runs_are_not_known(disturbed: int) -> None:
-    drive, run = driven()
-    machine = hybrid(SelectedLSSVM())
-    found = machine.bridge(drive, run, [START], STEPS)
-    other = altered(drive, 0, run=disturbed)
-    again = machine.bridge(other, run_vehicle_filter(other, KNOWN), [START], STEPS)
-    assert np.array_equal(found.position[..., 2], again.position[..., 2])
-    assert not np.array_equal(found.position[..., disturbed], again.position[..., disturbed])
-
-
 def test_runs_are_what_they_are_alone() -> None:
     drive, run = driven()
     machine = hybrid(SelectedLSSVM())
@@ -382,25 +367,6 @@ def test_runs_are_what_they_are_alone() -> None:
 
 
 # --- a regressor that has to prove itself ---
-
-
-def made_ramps(slopes: np.ndarray, tau: int = 10) -> Ramps:
-    """Return ramps that grow by lines: slopes (runs, ramps), the same east and north."""
-    runs, count = slopes.shape
-    run, number, elapsed = (
-        x.ravel()
-        for x in np.meshgrid(
-            np.arange(runs), np.arange(count), np.arange(1, tau + 1), indexing="ij"
-        )
-    )
-    return Ramps(
-        epoch=number * tau + elapsed,
-        run=run,
-        ramp=number * tau,
-        elapsed=elapsed.astype(float),
-        motion=np.zeros((len(run), 3)),
-        difference=(slopes[run, number] * elapsed)[:, None] * [1.0, 1.0],
-    )
 
 
 def proving(regressor: Any = None, **options: Any) -> VehicleHybrid:
@@ -417,27 +383,28 @@ def test_where_all_ramps_are_alike_the_regressor_is_kept() -> None:
     assert machine.predict(np.array([[40.0]])) == pytest.approx(np.full((1, 2), 28.0))
 
 
-def test_only_the_last_ramps_are_judged() -> None:
-    """Old ramps that change their sign do not count, new ones do."""
-    old, new = np.ones((1, 10)), np.ones((1, 10))
-    old[0, :4] = [1, -1, 1, -1]
-    new[0, -4:] = [1, -1, 1, -1]
-    assert proving(past=5).train(made_ramps(old), 0, 100).regressor is not None
-    assert proving(past=8).train(made_ramps(old), 0, 100).regressor is None
-    assert proving(past=5).train(made_ramps(new), 0, 100).regressor is None
+TURNS = [1, -1, 1, -1]
 
 
-def test_what_comes_after_the_start_does_not_judge() -> None:
-    """Nor a ramp that is under way: it would need differences of the outage.
-
-    One ramp of the other sign among three: four times its square against three.
-    """
-    slopes = np.ones((1, 12))
-    slopes[0, 8:] = [-1, 1, -1, 1]
-    ramps = made_ramps(slopes)
-    assert proving(past=3).train(ramps, 0, 80).regressor is not None
-    assert proving(past=3).train(ramps, 0, 89).regressor is not None
-    assert proving(past=3).train(ramps, 0, 90).regressor is None
+@pytest.mark.parametrize(
+    ("slopes", "options", "start", "kept"),
+    [
+        # old ramps that change their sign do not count, new ones do
+        (TURNS + 6 * [1], {"past": 5}, 100, True),
+        (TURNS + 6 * [1], {"past": 8}, 100, False),
+        (6 * [1] + TURNS, {"past": 5}, 100, False),
+        # nor what comes after the start, nor a ramp that is under way: of three ramps one of the
+        # other sign has four times its square against three
+        (8 * [1] + TURNS[::-1], {"past": 3}, 80, True),
+        (8 * [1] + TURNS[::-1], {"past": 3}, 89, True),
+        (8 * [1] + TURNS[::-1], {"past": 3}, 90, False),
+    ],
+)
+def test_ramps_that_are_over_judge(
+    slopes: list[int], options: dict[str, Any], start: int, kept: bool
+) -> None:
+    machine = proving(**options).train(made_ramps([slopes]), 0, start)
+    assert (machine.regressor is not None) == kept
 
 
 def test_the_first_ramp_of_all_has_nothing_before_it_and_is_not_judged() -> None:
@@ -500,19 +467,9 @@ def test_inputs_are_motion_and_time_as_asked() -> None:
 
 
 def test_scaled_inputs_have_mean_zero_and_deviation_one() -> None:
-    seen: list[np.ndarray] = []
-
-    class Spy(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: ignore[misc]
-        def fit(self, X: np.ndarray, y: np.ndarray) -> Self:
-            seen.extend([X, y])
-            return self
-
-        def predict(self, X: np.ndarray) -> np.ndarray:
-            return np.ones((len(X), 2))
-
     drive, run = driven()
     bridge = hybrid(Spy()).bridge(drive, run, [START], STEPS)
-    for values in seen:
+    for values in (part for pair in Spy.seen for part in pair):
         assert values.mean(axis=0) == pytest.approx(0, abs=1e-9)
         assert values.std(axis=0) == pytest.approx(1)
     # a prediction of one deviation comes back in metres

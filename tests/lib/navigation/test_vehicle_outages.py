@@ -12,9 +12,8 @@ from inswsn_book.results import read_results
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.navigation import VehicleOutages
-from inswsn_lib.navigation.vehicle_outages import LONG, METHODS, OUTAGE, p3_settings
+from inswsn_lib.navigation.vehicle_outages import METHODS, OUTAGE, p3_settings
 from inswsn_lib.scenario import with_values
-from inswsn_lib.vehicle import horizontal_error, run_vehicle_filter
 
 
 def coarse(changes: dict[str, Any] | None = None, **values: Any) -> VehicleOutages:
@@ -40,21 +39,6 @@ def test_it_computes_what_the_chapter_published(root: Path) -> None:
         over, under = (found.of(method) for method in ratios[quantity.name])
         ratio = np.exp(np.log(over / under).mean())
         assert ratio == pytest.approx(quantity.value, abs=quantity.tolerance), quantity.name
-
-
-@pytest.mark.parametrize(
-    ("name", "options"),
-    [("never", {"aiding": False}), ("until", {"aided_outages": False}), ("through", {})],
-)
-def test_a_filter_without_learning_is_a_free_run_of_it(name: str, options: dict[str, Any]) -> None:
-    there, place = outages(), 4
-    for route, drive in enumerate(there.drives):
-        start = there.starts[route][place]
-        gone = (start + 1, start + LONG + 1)
-        run = run_vehicle_filter(drive, there.beliefs, outages=[gone], last=start + LONG, **options)
-        expected = horizontal_error(run, drive)[start : start + LONG + 1]
-        found = there.errors[name][:, place, 2 * route : 2 * route + 2]
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
 
 
 def test_aids_that_say_nothing_are_no_aids() -> None:
