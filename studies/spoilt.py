@@ -58,11 +58,11 @@ class Trial(Frozen):
     file: str
     spoiler: str
     sizes: Sizes
-    draw: Annotated[int, Field(ge=0)]
+    draw: Annotated[int, Field(ge=0)] = 0
     size: Finite | None = None  # in the spoiler's unit; None if it has no size
     unit: str = ""
-    meant: bool = False  # whether a check is meant to tell it
     outcome: Outcome
+    meant: bool = True  # whether a check is meant to tell it
     findings: tuple[str, ...] = ()  # names of those that are new
     named: bool | None = None  # whether the right name is among them; None if no check is meant
     harm: Finite | None = None  # error of the filter over that without the spoiling
