@@ -13,7 +13,7 @@ from inswsn_lib import learning
 from inswsn_lib.checks import Array
 from inswsn_lib.filters import run_kalman
 from inswsn_lib.logs import Outages
-from inswsn_lib.logs.difference_filters import DifferenceFilters, difference_model
+from inswsn_lib.logs.ladder import DifferenceFilters, difference_model
 from inswsn_lib.navigation.hybrid import HybridNavigator, observable_inputs
 from inswsn_lib.streams import Whole
 
