@@ -176,15 +176,7 @@ class Correction(ABC):
     ) -> Solution:  # fmt: skip
         """Run a filter on observations of one's own, with an event at the time of each fix.
 
-        Parameters
-        ----------
-        observed : sequence of Observation
-        first, second : float
-            As of `motion`.
-        start : Start, optional
-            By default that of the recording.
-        end, kept, gate
-            As in `run_error_state`.
+        The numbers are those of `motion`, the last ones as in `run_error_state`.
         """
         d = len(self.lever_arm)
         nothing = Fixes(self.fixes.time, np.full((len(self.fixes), d), np.nan))
@@ -459,23 +451,9 @@ class OdometryCorrection(Correction):
 def correction_of(
     recording: Recording, alignment: float, start: Start | None = None, period: float | None = None
 ) -> Correction:
-    """Return the filters for the streams that there are.
+    """Return the filters for the streams that there are, with the arguments of `Ladder`.
 
-    Parameters
-    ----------
-    recording : Recording
-        Ranges come before fixes; odometry before an IMU, unless the network is in space.
-    alignment : float
-        s.
-    start : Start, optional
-        What is known of it, of `known_start`, or for odometry with a `PlanarState`.
-    period : float, optional
-        Of fixes by ranges, s; by default the shortest of some in which most have one.
-
-    Raises
-    ------
-    InswsnError
-        If there is nothing that moves, or no network while it does.
+    Ranges come before fixes; odometry before an IMU, unless the network is in space.
     """
     planar = is_planar(recording)
     motion = recording.odometry if planar else recording.imu
@@ -607,17 +585,7 @@ def standstill_times(imu: Imu, fixes: Fixes, deviation: float, until: float) -> 
     :math:`\sigma \sqrt{12 / n} / T`. None of these fixes may lie off, nor the last have another
     velocity: a car can leave so gently that its IMU is as quiet as before. Each time is told by
     what was before it alone, but for the level of the quietest windows, which is that of the
-    recording's first part.
-
-    Parameters
-    ----------
-    imu : Imu
-    fixes : Fixes
-        NaN where missing.
-    deviation : float
-        Of fixes, m.
-    until : float
-        s, the end of the first part.
+    recording's first part, until a time (s). The deviation is that of fixes, m.
     """
     quiet = _is_quiet(imu, until)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], quiet, [False]]).astype(int)))

@@ -61,12 +61,8 @@ FAMILIES = {
 class DifferenceFilters:
     """Filters of P1's model, whose measurement is INS less network.
 
-    Attributes
-    ----------
-    ins, network : ndarray, (fixes, 4)
-        Horizontal positions (m) and velocities (m/s); NaN where there is none.
-    period : float
-        Of fixes, s; P1's model takes steps for even.
+    Both are horizontal positions (m) and velocities (m/s) at fixes, (fixes, 4), NaN where there is
+    none; P1's model takes steps for even, of a period (s).
     """
 
     ins: Array

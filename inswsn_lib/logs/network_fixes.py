@@ -190,16 +190,7 @@ def slope_velocity(fixes: Fixes, count: int = 5) -> Fixes:
 def network_of(recording: Recording, periods: Sequence[float] = PERIODS) -> Fixes:
     """Return what the network alone says: fixes as they are, or of ranges, with velocities.
 
-    Parameters
-    ----------
-    recording : Recording
-    periods : sequence of float
-        Of fixes by ranges, s: the shortest in which most have one is taken.
-
-    Raises
-    ------
-    InswsnError
-        If there is no network, or too few ranges at a time.
+    Of the periods of fixes by ranges, s, the shortest in which most have one is taken.
     """
     ranges, fixes = recording.ranges, recording.fixes
     if ranges is not None and len(ranges):
@@ -218,11 +209,6 @@ def fixes_of(
     """Return fixes of the shortest intervals of which most have one, with velocities.
 
     Height and side are as of `multilaterate_track`. Anchors in a level plane are taken to be above.
-
-    Raises
-    ------
-    InswsnError
-        If too few anchors are heard, or they are in a plane and no side is given.
     """
     if (fixes := shortest(ranges, periods, height, side)) is not None:
         return fixes
