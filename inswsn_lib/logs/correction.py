@@ -609,11 +609,14 @@ def _is_quiet(imu: Imu, until: float) -> Mask:
     rows = max(round(_WINDOW / float(np.median(np.diff(imu.time)))), 2)
     quiet, contrast = np.ones(len(imu), dtype=bool), 0.0
     for vectors in (imu.force, imu.rate):
-        apart = vectors - vectors.mean(axis=0)
-        means, squares = (
-            uniform_filter1d(x, rows, axis=0, origin=(rows - 1) // 2) for x in (apart, apart**2)
-        )
-        size = np.sqrt(np.maximum(squares - means**2, 0).sum(axis=1))
+        variance = np.zeros(len(imu))
+        for column in vectors.T:  # one at a time: they are long
+            apart = column - column.mean()
+            mean, square = (
+                uniform_filter1d(x, rows, origin=(rows - 1) // 2) for x in (apart, apart**2)
+            )
+            variance += np.maximum(square - mean**2, 0)
+        size = np.sqrt(variance)
         first = size[rows:][imu.time[rows:] <= until]
         if not len(first):
             return np.zeros(len(imu), dtype=bool)

@@ -13,7 +13,7 @@ from inswsn_lib.checks import Array, Mask, number
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.logs.blocks import FEWEST, block_starts, block_sums, jackknife, spaced
 from inswsn_lib.logs.likeness import BLOCK, Likeness
-from inswsn_lib.streams import Imu, Recording, Reference
+from inswsn_lib.streams import Imu, Recording, Reference, Whole
 
 _CLOCK, _TURN = 0.02, 0.05  # s, rad: the largest deviations that count as told
 _REACH = 1.0  # s, of clocks that are tried
@@ -43,6 +43,7 @@ class Felt:
         if chord:
             rate = Felt(time, rate).mean(time, chord)
         self.time, self._sum = time, cumulative_trapezoid(rate, time, axis=0, initial=0)
+        self.gaps = gaps_before(time)
 
     def mean(self, time: Array, window: float) -> Array:
         """Return the mean rates over windows around some times, (n, axes)."""
@@ -83,7 +84,8 @@ class Told:
     def covered(self, felt: Felt, clock: float, margin: float = 0.0) -> Mask:
         """Tell over which windows a sensor whose stamps are late was there, without a gap."""
         half = self.window / 2 + margin
-        return unbroken(felt.time, self.time + clock - half, self.time + clock + half)
+        early, late = self.time + clock - half, self.time + clock + half
+        return unbroken(felt.time, early, late, felt.gaps)
 
     def pairs(self, felt: Felt, clock: float) -> tuple[Array, Array, Mask]:
         """Return what is felt over the windows and what is told, and which rows have both."""
@@ -113,20 +115,24 @@ def told_by(recording: Recording, window: float = _WINDOW, slowest: float = 1.0)
     )
 
 
-def unbroken(time: Array, early: Array, late: Array) -> Mask:
-    """Tell which intervals lie within some stamps, and in none of their gaps."""
+def gaps_before(time: Array) -> Whole:
+    """Return how many gaps are before each stamp."""
     steps = np.diff(time)
-    wide = np.append(0, np.cumsum(steps > max(_GAP, 3 * float(np.median(steps)))))
+    return np.append(0, np.cumsum(steps > max(_GAP, 3 * float(np.median(steps)))))
+
+
+def unbroken(time: Array, early: Array, late: Array, gaps: Whole) -> Mask:
+    """Tell which intervals lie within some stamps, and in none of their gaps."""
     first, last = np.searchsorted(time, early, side="right") - 1, np.searchsorted(time, late)
     first, last = np.maximum(first, 0), np.minimum(last, len(time) - 1)
-    return np.asarray((early >= time[0]) & (late <= time[-1]) & (wide[first] == wide[last]))
+    return np.asarray((early >= time[0]) & (late <= time[-1]) & (gaps[first] == gaps[last]))
 
 
 def windows(time: Array, window: float, step: float | None = None) -> tuple[Array, Mask]:
     """Return the middles of windows over some stamps, and which have no gap."""
     middle = spaced(time[0] + window / 2, time[-1] - window / 2, step or window, len(time))
     half = window / 2 - 1e-9  # rounding takes none of them away
-    return middle, unbroken(time, middle - half, middle + half)
+    return middle, unbroken(time, middle - half, middle + half, gaps_before(time))
 
 
 def _longer(window: float, time: Array) -> float:

@@ -6,7 +6,7 @@ the same motion, whatever the mean of each. By moments alone all candidates have
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import permutations, product
 
@@ -27,7 +27,7 @@ HOUR, HOURS = 3600.0, 14  # s, and how many of them: zones of time
 
 _LEAP = 18  # s, since 2017
 _NEAR = 1.0  # s: farther clocks are looked for before others are
-_STEP = 0.05  # s, of the clocks that are tried
+_STEP, _COARSE = 0.05, 0.25  # s, of the clocks that are tried, and in other zones of time first
 _SHARED = 0.25  # of the rows, that a clock must leave
 _SAME = 0.5  # s, of independent clocks
 _FAR = 9.0  # squared deviations, beyond which a row counts less
@@ -100,8 +100,8 @@ class Slope:
 class Likeness:
     """How alike two sources are, by clock and signed permutation, with rows at some times (n,).
 
-    Clocks are tried up to a reach (s), and by whole hours if asked for. Where they are centred, the
-    means of both are no matter.
+    Clocks are tried in steps up to a reach (s) around those of zones of time. Where they are
+    centred, the means of both are no matter.
     """
 
     def __init__(
@@ -110,14 +110,13 @@ class Likeness:
         time: Array,
         reach: float = REACH,
         *,
-        hours: bool = False,
+        step: float = _STEP,
+        zones: Sequence[float] = (0.0,),
         centred: bool = True,
     ) -> None:
         self.pairs, self.time, self.centred = pairs, time, centred
-        count = round(reach / _STEP)
-        fine = np.asarray(_STEP * np.arange(-count, count + 1))
-        whole = HOUR * np.arange(-HOURS, HOURS + 1) if hours else np.zeros(1)
-        clocks = np.add.outer(whole, fine).ravel()
+        count = round(reach / step)
+        clocks = np.add.outer(zones, step * np.arange(-count, count + 1)).ravel()
         self.clocks: Array = clocks[np.argsort(np.abs(clocks), kind="stable")]
         self.weight = np.ones(len(time))
         self.matrices: list[Array] = []
@@ -138,8 +137,12 @@ class Likeness:
         None if there are too few blocks.
         """
         found = cls(pairs, time)
-        if not found.tells and (far := cls(pairs, time, hours=True)).tells:
-            found = far
+        if not found.tells:
+            zones = HOUR * np.arange(-HOURS, HOURS + 1)
+            coarse = cls(pairs, time, step=_COARSE, zones=zones.tolist())
+            if not coarse.empty and (hour := round(coarse.best[0] / HOUR)):
+                far = cls(pairs, time, zones=(0.0, hour * HOUR))
+                found = far if far.tells else found
         return None if found.empty or len(block_starts(time, BLOCK)) < FEWEST else found
 
     @property

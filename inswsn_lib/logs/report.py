@@ -331,8 +331,8 @@ def _more_likely(other: Ladder, ladder: Ladder) -> float:
             return np.nan
     except InswsnError:
         return np.nan
-    name, end = next(iter(ladder.rungs)), ladder.split
-    numbers = ladder.rungs[name].begin
+    name = next(iter(ladder.rungs))
+    numbers, end = ladder.rungs[name].begin, ladder.tuning_end(name)
     mine, its = (
         each.rungs[name].run(*numbers, end=end, kept=False).log_likelihood
         for each in (ladder, other)
