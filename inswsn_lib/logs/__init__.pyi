@@ -14,11 +14,11 @@ from .findings import Finding as Finding, verdict as verdict
 from .imu_clock import ImuClock as ImuClock, imu_clock as imu_clock
 from .ins_wsn import TrackPair as TrackPair, read_recording as read_recording
 from .ladder import Ladder as Ladder
-from .outages import Outages as Outages
-from .range_fixes import (
+from .network_fixes import (
     multilaterate_track as multilaterate_track,
     slope_velocity as slope_velocity,
 )
+from .outages import Outages as Outages
 from .registry import load as load, load_drive as load_drive, names as names
 from .report import Report as Report, report as report
 from .set_up_checks import check_set_up as check_set_up

@@ -131,14 +131,8 @@ def jackknife(information: Array, gradient: Array) -> tuple[Array, Mask]:
 
     This is the covariance by clusters (Liang and Zeger 1986), in the form CR3, which is not too
     small when the clusters are few (MacKinnon, Nielsen and Webb 2023; a jackknife by blocks in
-    time is Künsch's, 1989). Unknowns that are lost with a block have NaN.
-
-    Parameters
-    ----------
-    information : ndarray, (G, p, p)
-        Of each block, A_g; A is their sum.
-    gradient : ndarray, (G, p)
-        Of each block at the estimate, s_g.
+    time is Künsch's, 1989). Unknowns that are lost with a block have NaN. The information of each
+    block, A_g of the sum A, is (G, p, p), its gradient at the estimate, s_g, (G, p).
     """
     size = np.sqrt(np.maximum(np.diagonal(information.sum(axis=0)), 1e-300))
     scaled = information / (size[:, None] * size)

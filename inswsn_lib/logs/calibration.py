@@ -12,9 +12,8 @@ from scipy.stats import t
 from inswsn_lib.checks import Array, number, one_of
 from inswsn_lib.errors import Described, InswsnError, ParameterError
 from inswsn_lib.logs.blocks import FEWEST, block_starts, covariance, deviation_of, fit
-from inswsn_lib.logs.model import KINDS, Meeting, Model, Rows, State
-from inswsn_lib.logs.range_fixes import multilaterate_track
-from inswsn_lib.logs.reference_motion import ReferenceMotion
+from inswsn_lib.logs.model import KINDS, Meeting, Model, ReferenceMotion, Rows, State
+from inswsn_lib.logs.network_fixes import multilaterate_track
 from inswsn_lib.logs.window_fits import PERIODS, enough_ranges
 from inswsn_lib.streams import Fixes, Ranges, Recording
 

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
+from scipy.ndimage import uniform_filter1d
 
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError
@@ -45,9 +46,8 @@ from inswsn_lib.logs.network_fixes import (
     shortest,
     with_height,
 )
-from inswsn_lib.logs.standstill import STEP, standstill_times
 from inswsn_lib.logs.window_fits import PERIODS, in_a_plane
-from inswsn_lib.streams import Fixes, Ranges, Recording, Whole
+from inswsn_lib.streams import Fixes, Imu, Ranges, Recording, Whole
 
 #: Of the random walks of the IMU's biases, which no short recording tells
 WALKS = (1e-3, 1e-4)
@@ -76,9 +76,16 @@ _RUNNER, _QUANTILE, _SLIP_STEP, _SLIP = 6.0, 0.8, 0.2, 0.3
 # m/s, the deviation of a velocity that is zero, and the least share of the time that it must be
 _STANDS, _STANDING = 0.02, 0.03
 _WHEEL, _MOVING = 0.1, 0.5  # m/s: of a speed by wheels, and of what tells where forward is
-
 #: Takes numbers, and which fixes are withheld
 Observing = Callable[[Sequence[float], Mask | None], list[Observation]]
+_WINDOW = 1.0  # s, over which an IMU is quiet
+_QUIETEST, _QUIET = 0.02, 2.5  # a share of all windows, and times the level that these have
+_CONTRAST = 4.0  # times that level the median of one must be: else it never stands, or never moves
+_LASTS = 2.0  # s, before it is believed
+#: Between updates, s
+_STILL_STEP = 0.2
+_SPEED, _TOLD = 0.1, 0.3  # m/s, by fixes: what is let pass, and the largest deviation that tells
+_FEWEST_FIXES = 3  # fixes
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,15 +176,7 @@ class Correction(ABC):
     ) -> Solution:  # fmt: skip
         """Run a filter on observations of one's own, with an event at the time of each fix.
 
-        Parameters
-        ----------
-        observed : sequence of Observation
-        first, second : float
-            As of `motion`.
-        start : Start, optional
-            By default that of the recording.
-        end, kept, gate
-            As in `run_error_state`.
+        The numbers are those of `motion`, the last ones as in `run_error_state`.
         """
         d = len(self.lever_arm)
         nothing = Fixes(self.fixes.time, np.full((len(self.fixes), d), np.nan))
@@ -278,7 +277,7 @@ class InertialCorrection(Correction):
             zero = Velocities(time, np.zeros((len(time), 3)), np.full(3, _STANDS))
             return [*observed(numbers, gone), *([zero] if len(time) else [])]
 
-        if len(self._standstills(self.fixes)) * STEP > _STANDING * np.ptp(self.fixes.time):
+        if len(self._standstills(self.fixes)) * _STILL_STEP > _STANDING * np.ptp(self.fixes.time):
             found[name + STANDSTILL] = self._rung(still, coloured, series, lasting)
         return found
 
@@ -452,23 +451,9 @@ class OdometryCorrection(Correction):
 def correction_of(
     recording: Recording, alignment: float, start: Start | None = None, period: float | None = None
 ) -> Correction:
-    """Return the filters for the streams that there are.
+    """Return the filters for the streams that there are, with the arguments of `Ladder`.
 
-    Parameters
-    ----------
-    recording : Recording
-        Ranges come before fixes; odometry before an IMU, unless the network is in space.
-    alignment : float
-        s.
-    start : Start, optional
-        What is known of it, of `known_start`, or for odometry with a `PlanarState`.
-    period : float, optional
-        Of fixes by ranges, s; by default the shortest of some in which most have one.
-
-    Raises
-    ------
-    InswsnError
-        If there is nothing that moves, or no network while it does.
+    Ranges come before fixes; odometry before an IMU, unless the network is in space.
     """
     planar = is_planar(recording)
     motion = recording.odometry if planar else recording.imu
@@ -589,3 +574,65 @@ def _colour(numbers: Sequence[float], axes: Array) -> list[Array]:
 def _is_vehicle(velocity: Array) -> bool:
     speed = np.linalg.norm(velocity[np.isfinite(velocity).all(axis=1)], axis=1)
     return bool(len(speed)) and float(np.quantile(speed, _QUANTILE)) > _RUNNER
+
+
+def standstill_times(imu: Imu, fixes: Fixes, deviation: float, until: float) -> Array:
+    r"""Return times at which a body stands still, (n,), s.
+
+    It stands where specific force and angular rate vary as little as in the quietest windows (the
+    detector of variances; Skog, Händel, Nilsson and Rantakokko 2010), and the line through the
+    fixes since then has no speed: less than 0.1 m/s, or than three of its deviations,
+    :math:`\sigma \sqrt{12 / n} / T`. None of these fixes may lie off, nor the last have another
+    velocity: a car can leave so gently that its IMU is as quiet as before. Each time is told by
+    what was before it alone, but for the level of the quietest windows, which is that of the
+    recording's first part, until a time (s). The deviation is that of fixes, m.
+    """
+    quiet = _is_quiet(imu, until)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], quiet, [False]]).astype(int)))
+    there = np.isfinite(fixes.position[:, :2]).all(axis=1)
+    time, place = fixes.time[there], fixes.position[there, :2]
+    speed = np.zeros(len(time))
+    if fixes.velocity is not None:
+        speed = np.linalg.norm(fixes.velocity[there, :2], axis=1)
+    found = []
+    for first, last in zip(edges[::2], edges[1::2] - 1, strict=True):
+        begin, end = imu.time[first] - _WINDOW, imu.time[last]
+        for at in np.arange(begin + _LASTS, end, _STILL_STEP):
+            inside = slice(*np.searchsorted(time, [begin, at]))
+            if _stands(time[inside], place[inside], speed[inside], deviation):
+                found.append(float(at))
+    return np.array(found)
+
+
+def _is_quiet(imu: Imu, until: float) -> Mask:
+    """Tell of each sample whether the window that ends with it is quiet."""
+    rows = max(round(_WINDOW / float(np.median(np.diff(imu.time)))), 2)
+    quiet, contrast = np.ones(len(imu), dtype=bool), 0.0
+    for vectors in (imu.force, imu.rate):
+        variance = np.zeros(len(imu))
+        for column in vectors.T:  # one at a time: they are long
+            apart = column - column.mean()
+            mean, square = (
+                uniform_filter1d(x, rows, origin=(rows - 1) // 2) for x in (apart, apart**2)
+            )
+            variance += np.maximum(square - mean**2, 0)
+        size = np.sqrt(variance)
+        first = size[rows:][imu.time[rows:] <= until]
+        if not len(first):
+            return np.zeros(len(imu), dtype=bool)
+        level = float(np.quantile(first, _QUIETEST))
+        quiet &= size <= _QUIET * level
+        contrast = max(contrast, float(np.median(first)) / max(level, 1e-300))
+    quiet[:rows] = False
+    return quiet & (contrast > _CONTRAST)
+
+
+def _stands(time: Array, place: Array, speed: Array, deviation: float) -> bool:
+    if len(time) < _FEWEST_FIXES or time[-1] <= time[0]:
+        return False
+    off = np.linalg.norm(place - np.median(place, axis=0), axis=1)
+    if off.max() > 4 * deviation or speed[-1] > _SPEED:
+        return False
+    slope = np.polyfit(time - time[0], place, 1)[0]
+    expected = deviation * np.sqrt(12 / len(time)) / float(time[-1] - time[0])
+    return bool(expected < _TOLD and np.linalg.norm(slope) < max(_SPEED, 3 * expected))

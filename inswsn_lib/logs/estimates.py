@@ -73,14 +73,8 @@ def of_solution(
 def scores(estimate: Estimate, truth: Array, others: Array) -> dict[str, float]:
     """Return the errors of an estimate, their ratios to those of another, and its consistency.
 
-    What fewer than twelve fixes tell is NaN.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        Of n fixes in the order of time.
-    truth, others : ndarray, (n, 4 or 2)
-        What is true, and the errors of the other, such as the network; NaN where none is known.
+    What is true and the errors of the other, such as the network, are (n, 4 or 2) in the order of
+    time, NaN where none is known. What fewer than twelve fixes tell is NaN.
     """
     errors, found = estimate.state - truth, dict.fromkeys((*ERRORS, "nees"), np.nan)
     for name, part in list(_PARTS.items())[: errors.shape[1] // 2]:
@@ -146,21 +140,12 @@ def largest_lag_one(
 
 
 def innovations_of(solution: Solution, series: Sequence[tuple[Array, Whole]]) -> pd.DataFrame:
-    """Return the components of the innovations that a solution is judged by.
+    """Return the components of the innovations that a solution is judged by, `series` as of `Rung`.
 
-    Parameters
-    ----------
-    solution : Solution
-    series : sequence of (ndarray, ndarray)
-        As of `Rung`.
-
-    Returns
-    -------
-    DataFrame
-        In the order of observations and time: ``time``, s; ``measurement``, which one each is of;
-        ``scaled``, over the deviation that the filter expected; ``squares``, the NIS of the
-        measurement over its number of components; ``series``, an axis or an anchor; ``near``,
-        whether all components of the measurement lie within four deviations.
+    In the order of observations and time: ``time``, s; ``measurement``, which one each is of;
+    ``scaled``, over the deviation that the filter expected; ``squares``, the NIS of the measurement
+    over its number of components; ``series``, an axis or an anchor; ``near``, whether all
+    components of the measurement lie within four deviations.
     """
     begin, end = solution.start.time, solution.end.time
     told, nothing = solution.innovations[: len(series)], np.zeros(0)

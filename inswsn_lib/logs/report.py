@@ -26,8 +26,7 @@ from inswsn_lib.logs.findings import FALSE_ALARM, Finding
 from inswsn_lib.logs.ladder import Ladder
 from inswsn_lib.logs.network_fixes import network_of
 from inswsn_lib.logs.outages import COASTING, ON, SMOOTHED, STILL, STRAIGHT, Outages
-from inswsn_lib.logs.set_up_checks import check_set_up
-from inswsn_lib.logs.set_up_streams import check_failed
+from inswsn_lib.logs.set_up_checks import check_failed, check_set_up
 from inswsn_lib.streams import Fixes, Recording
 
 _ALIGNMENT = 20.0  # s

@@ -13,10 +13,9 @@ from scipy.stats import t
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.logs.findings import FALSE_ALARM, Finding, judged, unknown
-from inswsn_lib.logs.imu_clock import imu_clock
+from inswsn_lib.logs.imu_clock import Felt, Told, along, imu_clock, told_by, windows
 from inswsn_lib.logs.likeness import BLOCK, HOUR, Likeness, late, units_of
-from inswsn_lib.logs.reference_motion import ReferenceMotion
-from inswsn_lib.logs.turn_rates import Felt, Told, along, told_by, windows
+from inswsn_lib.logs.model import ReferenceMotion
 from inswsn_lib.streams import Imu, Recording
 
 GRAVITY = 9.80665  # m/s^2

@@ -22,7 +22,7 @@ from inswsn_lib.filters import design_kalman, run_kalman
 from inswsn_lib.logs.filter_checks import check_filter
 from inswsn_lib.logs.findings import FALSE_ALARM, Finding, judged, unknown
 from inswsn_lib.logs.ins_wsn import TrackPair
-from inswsn_lib.logs.set_up_streams import longest_run
+from inswsn_lib.logs.set_up_checks import longest_run
 from inswsn_lib.models import ErrorModel
 
 Complex = NDArray[np.complex128]

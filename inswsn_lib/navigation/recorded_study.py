@@ -22,9 +22,8 @@ from inswsn_lib.filters import intersect, run_kalman
 from inswsn_lib.inertial import PositionFixes
 from inswsn_lib.logs import Ladder, Outages, calibrate, multilaterate_track
 from inswsn_lib.logs.correction import COLOURED, TIGHT
-from inswsn_lib.logs.difference_filters import DifferenceFilters, difference_model
 from inswsn_lib.logs.estimates import Estimate, scores, tag_track
-from inswsn_lib.logs.ladder import FIXED_LAG, SMOOTHER
+from inswsn_lib.logs.ladder import FIXED_LAG, SMOOTHER, DifferenceFilters, difference_model
 from inswsn_lib.logs.network_fixes import UP
 from inswsn_lib.navigation.hybrid import HybridNavigator, observable_inputs
 from inswsn_lib.streams import Fixes, Ranges, Recording, Whole

@@ -182,7 +182,7 @@ def test_outliers_are_counted_by_measurement() -> None:
     values, series = [np.array(each) for each in sizes], np.array([0, 1, 0, 1, 0, 1, 0])
     told = Innovations(time, values, [1 + 0 * x for x in values], [], np.zeros(4))
     ends = [Start(at, None, np.eye(1)) for at in (-1.0, 9.0)]
-    solution = Solution(*[None] * 6, [told], 0.0, *ends)  # type: ignore[arg-type]
+    solution = Solution(*[None] * 6, [told], 0.0, *ends)
     found = innovations_of(solution, [(np.array([0, 0, 1, 1, 2, 2, 3.0]), series)])
     assert found["near"].tolist() == [True, True, False, False, True, True, True]
     checked = check_outliers(found.drop_duplicates("measurement")["near"].to_numpy())

@@ -52,7 +52,6 @@ def test_what_is_written_is_read(path: Path) -> None:
     assert read.time == pytest.approx(made[TIME].to_numpy())
     assert np.array_equal(read.ins, made[list(INS)])
     assert np.array_equal(read.wsn, made[list(WSN)])
-    assert read.reference is not None
     assert np.array_equal(read.reference, made[list(REFERENCE)])
     assert read.jitter == pytest.approx(0, abs=1e-9)
     assert read.outages == []

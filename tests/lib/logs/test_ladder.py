@@ -23,11 +23,10 @@ from inswsn_lib.logs.correction import (
     WHITE,
     correction_of,
     is_planar,
+    standstill_times,
 )
-from inswsn_lib.logs.difference_filters import FAMILIES, DifferenceFilters
 from inswsn_lib.logs.estimates import Estimate, largest_lag_one, scores, truth_at
-from inswsn_lib.logs.ladder import ALONE, NETWORK, SMOOTHER
-from inswsn_lib.logs.standstill import standstill_times
+from inswsn_lib.logs.ladder import ALONE, FAMILIES, NETWORK, SMOOTHER, DifferenceFilters
 from inswsn_lib.streams import Fixes, Imu, Odometry, Recording, Reference
 
 
@@ -63,7 +62,7 @@ def test_lag_one_is_of_neighbours_of_one_series() -> None:
         time, values, [np.ones(2)] * count, [np.ones(2, bool)] * count, np.ones(count)
     )
     ends = [Start(at, None, np.eye(1)) for at in (-0.5, 200.0)]
-    solution = Solution(*[None] * 6, [told], 0.0, *ends)  # type: ignore[arg-type]
+    solution = Solution(*[None] * 6, [told], 0.0, *ends)
     both = [(np.repeat(time, 2), np.tile([0, 1], count))]
     assert largest_lag_one(solution, both, -1.0) == {"nis": 1.0, "lag1": pytest.approx(1.0)}
     alone = largest_lag_one(solution, [(np.repeat(time, 2), np.zeros(2 * count, int))], -1.0)
@@ -173,7 +172,6 @@ def test_on_a_made_drive_both_together_beat_each_alone() -> None:
 
 def test_a_scale_of_all_ranges_is_found() -> None:
     drive = made_drive(4)
-    assert drive.ranges is not None
     longer = replace(drive, ranges=replace(drive.ranges, distance=1.05 * drive.ranges.distance))
     ladder = Ladder(longer, alignment=10.0, period=0.5, begins=1)
     scale = ladder.solution(PLANAR_TIGHT).states[-1].own[0]
@@ -247,8 +245,6 @@ def test_wheels_beside_an_ins_better_its_position_and_velocity() -> None:
 
 def test_a_body_stands_only_where_it_does() -> None:
     recording, motion = _car_with_wheels(5)
-    assert recording.imu is not None
-    assert recording.fixes is not None
     found = standstill_times(recording.imu, recording.fixes, 0.2, 80.0)
     assert len(found) > 20
     assert np.linalg.norm(motion.velocity(found), axis=1).max() < 0.1

@@ -32,7 +32,6 @@ NOISE = 0.3
 def drive(seed: int = 1) -> Recording:
     """A vehicle with odometry and fixes twice a second, of which two in ten are missing."""
     right = made_drive(seed)
-    assert right.reference is not None
     rng = np.random.default_rng(seed)
     time = np.arange(0.5, 119.5, 0.5)
     place = np.column_stack(
@@ -64,7 +63,6 @@ def test_a_filter_that_fits_is_consistent_and_better_than_the_network() -> None:
     assert list(found.track) == ["time", "x", "y", "vx", "vy", "sd_x", "sd_y", "sd_vx", "sd_vy"]
     assert found.track["sd_vx"].isna().all()  # the speed is no state
     assert (found.track["sd_x"] > 0).all()
-    assert right.reference is not None
     late = found.track[found.track["time"] > 60]
     for name, axis in (("x", 0), ("y", 1)):
         true = np.interp(late["time"], right.reference.time, right.reference.position[:, axis])
@@ -86,8 +84,6 @@ def test_without_a_reference_outages_judge() -> None:
 @pytest.mark.parametrize("change", ["mirrored", "exchanged", "sign of the rate"])
 def test_a_mirrored_network_is_told_without_a_reference(change: str) -> None:
     right = drive().without("reference")
-    assert right.fixes is not None
-    assert right.odometry is not None
     place = right.fixes.position
     changed = {
         "mirrored": {"fixes": replace(right.fixes, position=place * [1.0, -1.0])},
@@ -101,7 +97,6 @@ def test_a_mirrored_network_is_told_without_a_reference(change: str) -> None:
 
 def test_a_network_that_is_late_makes_the_filter_inconsistent() -> None:
     right = drive()
-    assert right.fixes is not None
     late = replace(right, fixes=replace(right.fixes, time=right.fixes.time + 3.0))
     found = report(late, begins=1)
     assert "Warning: the filter is not consistent" in found.sentence
@@ -129,7 +124,6 @@ def test_an_imu_is_aligned_without_the_reference() -> None:
 def beside(recording: Recording, rate: float, noise: float) -> Recording:
     """Add an IMU whose rate about the vertical is that of the odometry times a number."""
     rng, odometry = np.random.default_rng(3), recording.odometry
-    assert odometry is not None
     time = np.arange(0.0, 119.8, 0.02)
     turned = np.interp(time + 0.05, odometry.time, odometry.rate)
     values = noise * rng.standard_normal((2, len(time), 3))
@@ -140,7 +134,6 @@ def beside(recording: Recording, rate: float, noise: float) -> Recording:
 def test_an_imu_beside_odometry_is_taken_or_refused_in_words() -> None:
     """Odometry that turns by too much is mended by a gyroscope; nonsense is left out."""
     right = drive()
-    assert right.odometry is not None
     wrong = replace(right.odometry, rate=1.3 * right.odometry.rate)
     alone = report(right, begins=1)
     good = report(beside(replace(right, odometry=wrong), 1 / 1.3, 0.001), begins=1)
@@ -177,8 +170,6 @@ def report_of_carried() -> Report:
 def test_a_mirrored_network_beside_an_imu_is_told(velocities: bool) -> None:
     """The filter starts as badly as it may; or it cannot, but with the other sign of y it could."""
     right = carried()
-    assert right.fixes is not None
-    assert right.fixes.velocity is not None
     other = np.array([1.0, -1.0, 1.0])
     moving = right.fixes.velocity * other if velocities else None
     fixes = Fixes(right.fixes.time, right.fixes.position * other, moving)
@@ -190,7 +181,6 @@ def test_a_mirrored_network_beside_an_imu_is_told(velocities: bool) -> None:
 def test_velocities_of_fixes_are_used() -> None:
     """With velocities of 0.03 m/s the track is better than without, and says their size."""
     right, told = carried(), report_of_carried()
-    assert right.fixes is not None
     bare = replace(right, fixes=replace(right.fixes, velocity=None))
     without = report(bare, begins=1)
     assert told.numbers[3] == pytest.approx(0.03, rel=0.3)
@@ -201,7 +191,6 @@ def test_velocities_of_fixes_are_used() -> None:
 def test_the_deviation_of_each_fix_is_used() -> None:
     """Every second fix is ten times worse, and says so."""
     right = carried()
-    assert right.fixes is not None
     rng, sizes = np.random.default_rng(6), np.where(np.arange(len(right.fixes)) % 2, 3.0, 0.3)
     fixes = replace(right.fixes, velocity=None)
     fixes = replace(
@@ -219,7 +208,6 @@ def test_the_deviation_of_each_fix_is_used() -> None:
 
 def test_a_lever_arm_counts_where_the_reference_has_no_attitude() -> None:
     right = carried()
-    assert right.reference is not None
     bare = replace(right, reference=replace(right.reference, attitude=None))
     without = report(bare, begins=1).table.loc["corrected", "position"]
     right_one = report_of_carried().table.loc["corrected", "position"]
@@ -235,7 +223,6 @@ def test_what_is_known_of_the_start_is_used() -> None:
     with pytest.raises(InswsnError, match="start must be one with InertialState"):
         report(carried(), start=given)
     body = carried()
-    assert body.imu is not None
     true = motion(np.array([0.1]))[1]
     begun = known_start(body.imu, 0.1, attitude=(true.as_matrix()[0], 0.05))
     mine, found = (correction_of(body, 5.0, each).start for each in (begun, None))
@@ -245,8 +232,6 @@ def test_what_is_known_of_the_start_is_used() -> None:
 
 def test_who_does_not_move_is_told_by_the_network_alone() -> None:
     right = drive()
-    assert right.fixes is not None
-    assert right.odometry is not None
     still = replace(right.odometry, speed=0 * right.odometry.speed, rate=0 * right.odometry.rate)
     where = replace(right.fixes, position=right.fixes.position - right.fixes.position)
     found = report(replace(right, odometry=still, fixes=where, reference=None))
@@ -268,7 +253,6 @@ def test_what_makes_no_network_is_refused() -> None:
     with pytest.raises(InswsnError, match="anchors in three dimensions"):
         correction_of(replace(drive(), ranges=made(1, seconds=5).ranges), 20.0)
     ranges = made_drive(1).ranges
-    assert ranges is not None
     with pytest.raises(InswsnError, match="Too few anchors"):
         network_of(replace(drive(), ranges=ranges.kept(ranges.anchor < 2)))
 
@@ -310,7 +294,6 @@ def test_the_sentence_warns_of_a_track_that_is_worse(
 @pytest.mark.parametrize("count", [1, 2, 3, 5])
 def test_few_fixes_are_no_filter_that_is_consistent(count: int) -> None:
     right = drive()
-    assert right.fixes is not None
     [there] = np.nonzero(np.isfinite(right.fixes.position[:, 0]))
     rows = np.isin(np.arange(len(right.fixes)), there[np.linspace(3, 180, count).astype(int)])
     found = report(replace(right, fixes=right.fixes.kept(rows)), begins=1)
@@ -326,8 +309,6 @@ def test_a_gyroscope_is_taken_where_it_covers_a_step_of_the_odometry() -> None:
     rows = np.tile([0.0, 0.0, 1.0], (len(samples), 1))
     both = Recording("both", odometry=odometry, imu=Imu(samples, 0.2 * rows, 9.8 * rows))
     turned = turned_by_gyroscope(both)
-    assert turned is not None
-    assert turned.odometry is not None
     assert turned.odometry.rate == pytest.approx([0.1, 0.1, 0.1, 0.2, 0.2, 0.1])
 
 
@@ -346,7 +327,6 @@ def test_a_reference_at_another_time_or_in_milliseconds_judges_nothing(
     factor: float, later: float
 ) -> None:
     right = drive()
-    assert right.reference is not None
     other = Reference(factor * right.reference.time + later, right.reference.position)
     found = report(replace(right, reference=other), begins=1)
     assert found.judge == "nothing"
@@ -357,7 +337,6 @@ def test_a_reference_at_another_time_or_in_milliseconds_judges_nothing(
 def test_fixes_that_stick_are_told_without_a_traceback() -> None:
     """A line between two equal fixes goes through one between them: the network has no error."""
     right = drive().without("reference")
-    assert right.fixes is not None
     found = report(replace(right, fixes=replace(right.fixes, position=0 * right.fixes.position)))
     assert found.judge != "reference"
     assert "Warning: the filter is not consistent" in found.sentence

@@ -16,7 +16,7 @@ from made_recording import ROOM, made, made_drive, made_imu
 from scipy.spatial.transform import Rotation
 
 from inswsn_lib.logs import Finding, check_set_up, multilaterate_track, verdict
-from inswsn_lib.logs.set_up_streams import check_failed
+from inswsn_lib.logs.set_up_checks import check_failed
 from inswsn_lib.streams import Fixes, Imu, Ranges, Recording, Reference
 
 NAMES = {"unit", "repeats", "gaps", "axes", "gravity", "time", "mounting", "place", "bias", "scale",
@@ -45,7 +45,6 @@ def test_a_right_set_up_is_told_with_all_that_was_looked_at() -> None:
 
 def imu_of(change: Callable[[Imu], dict[str, Any]]) -> Callable[[Recording], Recording]:
     def changed(right: Recording) -> Recording:
-        assert right.imu is not None
         return replace(right, imu=replace(right.imu, **change(right.imu)))
 
     return changed
@@ -53,7 +52,6 @@ def imu_of(change: Callable[[Imu], dict[str, Any]]) -> Callable[[Recording], Rec
 
 def ranges_of(change: Callable[[Ranges], dict[str, Any]]) -> Callable[[Recording], Recording]:
     def changed(right: Recording) -> Recording:
-        assert right.ranges is not None
         return replace(right, ranges=replace(right.ranges, **change(right.ranges)))
 
     return changed
@@ -131,7 +129,6 @@ def test_the_anchor_that_is_elsewhere_or_hidden_is_named() -> None:
 
 def test_fixes_in_another_frame_are_found() -> None:
     right = made_drive(5)
-    assert right.ranges is not None
     fixes = multilaterate_track(right.ranges, 0.5)
     with_fixes = replace(right, ranges=None, fixes=fixes)
     assert wrong(check_set_up(with_fixes)) == []
@@ -175,7 +172,6 @@ def test_at_rest_axes_and_clocks_are_not_told() -> None:
     rng = np.random.default_rng(0)
     time = np.arange(0, 60, 0.01)
     rate = 0.01 * rng.normal(size=(len(time), 3))
-    assert still.reference is not None
     up = Rotation.from_quat(still.reference.attitude[0]).inv().apply([0.0, 0.0, 9.81])
     force = up + 0.05 * rng.normal(size=rate.shape)
     findings = check_set_up(replace(still, imu=Imu(time, rate, force)))
@@ -196,7 +192,6 @@ def test_too_short_recordings_make_no_error() -> None:
 
 def test_a_reference_of_one_row_tells_as_much_as_none() -> None:
     right = made_drive(1)
-    assert right.reference is not None
     alone = replace(right, reference=right.reference.part(end=0.05))
     told, without = (check_set_up(each) for each in (alone, right.without("reference")))
     assert [(f.name, f.subject, f.fits) for f in told] == [
@@ -216,7 +211,6 @@ def test_work_does_not_grow_with_the_span_of_a_clock() -> None:
 
 
 def with_failed(right: Recording, value: float, share: float) -> tuple[Recording, int]:
-    assert right.ranges is not None
     distance = right.ranges.distance.copy()
     rows = np.random.default_rng(7).random(len(distance)).argsort()[: int(share * len(distance))]
     distance[rows] = value
@@ -229,9 +223,7 @@ def test_ranges_that_mean_nothing_are_named_and_left_out(value: float, share: fl
     """Above 0 they must stand in a fiftieth of the rows."""
     for seed in range(3):
         spoilt, count = with_failed(made(seed), value, share)
-        assert spoilt.ranges is not None
         found, right = check_failed(spoilt)
-        assert right.ranges is not None
         if value > 0 and share < 0.02:
             assert (found, right) == ([], spoilt)
             continue
@@ -246,7 +238,6 @@ def test_ranges_that_mean_nothing_are_named_and_left_out(value: float, share: fl
 def test_no_range_of_a_hundred_recordings_is_taken_for_a_failed_one() -> None:
     for seed in range(100):
         right = made_drive(seed) if seed % 4 == 0 else made(seed, still=seed % 2 == 0)
-        assert right.ranges is not None
         for digits in (9, 2, 1, 0):
             distance = right.ranges.distance.round(digits)
             rounded = replace(right, ranges=replace(right.ranges, distance=distance))
@@ -255,7 +246,6 @@ def test_no_range_of_a_hundred_recordings_is_taken_for_a_failed_one() -> None:
 
 def test_a_stream_in_milliseconds_is_at_another_time() -> None:
     right = made_drive(1)
-    assert right.odometry is not None
     late = replace(right.odometry, time=1000 * right.odometry.time)
     found = {f.subject: f for f in check_set_up(replace(right, odometry=late)) if f.name == "span"}
     assert {name: each.fits for name, each in found.items()} == {
@@ -302,7 +292,6 @@ def test_a_sensor_that_sticks_or_ends_at_a_limit_is_found() -> None:
     assert said(replace(walk, imu=clipped), "imu, limits") is False
     # ranges of one anchor stick while others go on
     recording = made(3)
-    assert recording.ranges is not None
     assert said(recording, "ranges")
     distance, mine = recording.ranges.distance.copy(), np.flatnonzero(recording.ranges.anchor == 2)
     distance[mine[10:40]] = distance[mine[10]]
@@ -310,7 +299,6 @@ def test_a_sensor_that_sticks_or_ends_at_a_limit_is_found() -> None:
     assert said(stuck, "ranges") is False
     # wheels that stand say 0 for long; those that turn do not say the same for long
     drive = made_drive(0)
-    assert drive.odometry is not None
     for value, fits in ((0.0, True), (1.0, False)):
         speed, rate = drive.odometry.speed.copy(), drive.odometry.rate.copy()
         speed[100:130], rate[100:130] = value, value / 2
@@ -325,14 +313,12 @@ def test_values_that_are_held_are_named_and_the_first_of_each_is_taken() -> None
     """A receiver at 1 Hz that is logged at 5 Hz; of right logs rounding makes none."""
     right = made_car(2)
     fixes = right.fixes
-    assert fixes is not None
     for often in (2, 5):
         rows = np.arange(len(fixes)) // often * often
         velocity = None if fixes.velocity is None else fixes.velocity[rows]
         held = replace(fixes, position=fixes.position[rows], velocity=velocity)
         [found], first = check_failed(replace(right, fixes=held))
         assert f"stands in {often} rows on end" in found.says
-        assert first.fixes is not None
         np.testing.assert_array_equal(first.fixes.time, fixes.time[::often])
     still = Fixes(fixes.time, np.random.default_rng(0).normal(0, 0.01, (len(fixes), 3)).round(2))
     creeping = Fixes(fixes.time, (fixes.time[:, None] * [0.01, 0.0, 0.0]).round(2))
@@ -343,14 +329,12 @@ def test_values_that_are_held_are_named_and_the_first_of_each_is_taken() -> None
 def test_stamps_that_jam_are_named_and_left_out() -> None:
     """Rows of 0.8 s are stamped when they are logged; where rows are lost nothing jams."""
     right = room(1)
-    assert right.reference is not None
     time = right.reference.time
     jam = (time >= 20.0) & (time < 20.8)
     jammed = np.where(jam, 20.8 - 1e-3 + 1e-5 * np.arange(len(time)) - 1e-5 * jam.argmax(), time)
     found, left = check_failed(replace(right, reference=replace(right.reference, time=jammed)))
     assert [(x.name, x.subject) for x in found] == [("stamps", "reference")]
     assert found[0].value == pytest.approx(0.8, abs=0.02)
-    assert left.reference is not None
     assert not ((left.reference.time > 20.0) & (left.reference.time < 20.6)).any()
     assert len(left.reference) > 0.98 * len(time)
     lost = replace(right, reference=right.reference.kept(~jam))
@@ -361,7 +345,6 @@ def test_stamps_that_jam_are_named_and_left_out() -> None:
 def test_rows_that_no_motion_joins_are_named_and_left_out(seed: int) -> None:
     """Stretches of up to 3 s are 0.7 to 3.8 m off."""
     right, rng = room(seed), np.random.default_rng(seed)
-    assert right.reference is not None
     place, wrong_rows = right.reference.position.copy(), np.zeros(len(right.reference), dtype=bool)
     for begin in rng.choice(np.arange(100, 2600, 200), 5, replace=False):
         rows, way = slice(begin, begin + int(rng.integers(1, 150))), rng.normal(size=3)
@@ -370,7 +353,6 @@ def test_rows_that_no_motion_joins_are_named_and_left_out(seed: int) -> None:
     spoilt = replace(right, reference=replace(right.reference, position=place))
     [found], left = check_failed(spoilt)
     assert found.says.startswith(f"{wrong_rows.sum()} rows, first at")
-    assert left.reference is not None
     np.testing.assert_array_equal(left.reference.time, right.reference.time[~wrong_rows])
     assert wrong(check_set_up(spoilt)) == ["values: reference, rows"]
     assert check_failed(right) == ([], right)
@@ -383,7 +365,6 @@ def test_rows_that_no_motion_joins_are_named_and_left_out(seed: int) -> None:
 def test_a_clock_that_is_far_off_is_told_and_no_other_axes(late: float, says: str) -> None:
     for seed in (4, 5, 7):
         car = made_car(seed)
-        assert car.fixes is not None
         moved = replace(car, fixes=replace(car.fixes, time=car.fixes.time + late))
         found = [x for x in check_set_up(moved) if x.fits is False and x.name != "span"]
         assert {x.name for x in found} == {"time"}
@@ -417,7 +398,6 @@ def test_turns_that_are_few_tell_the_unit(by: str) -> None:
     log = log if by == "attitude" else log.without("reference")
     assert wrong(check_set_up(log)) == []
     for unit, words in ((57.29578, "in deg/s"), (0.02, "increments")):
-        assert log.imu is not None
         found = check_set_up(replace(log, imu=replace(log.imu, rate=unit * rate)))
         assert wrong(found) == ["unit: IMU's rates"]
         assert words in next(x.says for x in found if x.subject == "IMU's rates")
@@ -427,20 +407,16 @@ def test_turns_that_are_few_tell_the_unit(by: str) -> None:
 
 
 def _turned(robot: Recording, angle: float) -> Recording:
-    assert robot.ranges is not None
     c, s = np.cos(angle), np.sin(angle)
     anchors = robot.ranges.anchors @ np.array([[c, s], [-s, c]])
     return replace(robot, ranges=replace(robot.ranges, anchors=anchors))
 
 
 def _late_odometry(robot: Recording) -> Recording:
-    assert robot.odometry is not None
     return replace(robot, odometry=replace(robot.odometry, time=robot.odometry.time + 0.5))
 
 
 def _w_first(robot: Recording) -> Recording:
-    assert robot.reference is not None
-    assert robot.reference.attitude is not None
     attitude = np.roll(robot.reference.attitude, 1, axis=1)
     return replace(robot, reference=replace(robot.reference, attitude=attitude))
 
