@@ -78,7 +78,7 @@ studies: recorded ## the same, and sensitivity to the assumptions, one at a time
 	@$(RUN) studies/crossed.py $(if $(JOBS),--jobs $(JOBS))
 
 spoilt: environment ## spoil recordings by hundreds, and keep what is refused, found or passed in data/spoilt.json
-	@$(RUN) studies/spoilt.py
+	@OPENBLAS_NUM_THREADS=1 $(RUN) studies/spoilt.py
 
 elsewhere: environment ## run every chapter in other surroundings, for the book's table
 	@$(RUN) studies/elsewhere.py $(if $(JOBS),--jobs $(JOBS))
