@@ -22,14 +22,14 @@ from unittest.mock import patch
 
 import numpy as np
 import yaml
+from inswsn_lib.navigation.recorded_clusters import RecordedClusters
+from inswsn_lib.navigation.recorded_outages import RecordedOutages
 from inswsn_lib.recordings.files import digests_of
 from scipy.io import savemat
 
 from inswsn_lib import navigation, recordings
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.navigation import RecordedStudy, read_tables
-from inswsn_lib.navigation.recorded_clusters import RecordedClusters
-from inswsn_lib.navigation.recorded_outages import RecordedOutages
 from inswsn_lib.recordings import PlanarContest, RecordedContest, matlab
 
 _CELL = re.compile(r"```\{code-cell\} ipython3\n(?::[^\n]*\n)*(.*?)\n```\n", re.DOTALL)
