@@ -27,6 +27,11 @@ _FAR = 0.1  # of a size: a way after which the scale is looked at again
 _TO_DEVIATION = 1.4826  # from the median of absolute values, of a normal distribution
 
 
+def interpolate(time: Array, values: Array, at: Array) -> Array:
+    """Return values (n, columns) on straight lines between their time stamps."""
+    return np.column_stack([np.interp(at, time, x) for x in values.T])
+
+
 class _Problem(Protocol[State]):
     """Residuals (n,) of a state, their derivatives (n, p), and a state that is a step (p,) off."""
 

@@ -31,11 +31,12 @@ from inswsn_lib.inertial import (
     run_error_state,
     smooth,
 )
+from inswsn_lib.logs.blocks import interpolate
 from inswsn_lib.logs.findings import FALSE_ALARM, Finding
 from inswsn_lib.logs.network_fixes import (
     HELD,
     UP,
-    deviation_of,
+    fix_deviation,
     fixes_of,
     is_level,
     named_plane,
@@ -248,7 +249,7 @@ class InertialCorrection(Correction):
     @cached_property
     def rungs(self) -> dict[str, Rung]:
         """The filters by name."""
-        velocity, size = self.fixes.velocity, deviation_of(self.fixes)
+        velocity, size = self.fixes.velocity, fix_deviation(self.fixes)
         assert velocity is not None
         series, speeds = [_series(self.fixes.time, self._measured_part(self.fixes).position)], []
         if self._measured:
@@ -284,7 +285,7 @@ class InertialCorrection(Correction):
     def _standstills(self, fixes: Fixes) -> Array:
         imu = self.recording.imu
         assert imu is not None
-        return standstill_times(imu, fixes, deviation_of(self.fixes), self.middle)
+        return standstill_times(imu, fixes, fix_deviation(self.fixes), self.middle)
 
     @cached_property
     def axes(self) -> Array:
@@ -308,7 +309,7 @@ class InertialCorrection(Correction):
         """What the gyroscopes say at the times of fixes, (fixes, 3), rad/s."""
         imu = self.recording.imu
         assert imu is not None
-        return np.column_stack([np.interp(self.fixes.time, imu.time, x) for x in imu.rate.T])
+        return interpolate(imu.time, imu.rate, self.fixes.time)
 
     @property
     def _measured(self) -> bool:
@@ -394,7 +395,7 @@ class OdometryCorrection(Correction):
     @cached_property
     def rungs(self) -> dict[str, Rung]:
         """The filters by name."""
-        motion, size = (0.05, 0.02), deviation_of(self.fixes)
+        motion, size = (0.05, 0.02), fix_deviation(self.fixes)
         series = [_series(self.fixes.time, self.fixes.position[:, :2])]
         coloured = (*motion, size / 2, size, _LASTING)
         found = {
@@ -413,7 +414,7 @@ class OdometryCorrection(Correction):
             return self.given
         first, last = self._first_and_last
         place = self.fixes.position[self.fixes.time == first][0, :2]
-        far = 3 * deviation_of(self.fixes) + float(np.linalg.norm(self.lever_arm))
+        far = 3 * fix_deviation(self.fixes) + float(np.linalg.norm(self.lever_arm))
         tight = self.recording.ranges is not None
         speed, rate, *sizes = self.rungs[PLANAR_TIGHT if tight else WHITE].begin
         observed = (self._observed_ranges if tight else self._observed)(sizes)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from inswsn_lib.checks import Array, Mask, number
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.logs.blocks import FEWEST, block_starts, block_sums, jackknife, spaced
+from inswsn_lib.logs.blocks import FEWEST, block_starts, block_sums, interpolate, jackknife, spaced
 from inswsn_lib.logs.likeness import BLOCK, Likeness
 from inswsn_lib.streams import Imu, Recording, Reference, Whole
 
@@ -31,11 +31,6 @@ _PERIODS = 3  # that a window has at least
 _GAP = 0.25  # s, or three periods: across a longer one nothing is told
 
 
-def along(time: Array, values: Array, at: Array) -> Array:
-    """Return values (n, columns) on straight lines between their time stamps."""
-    return np.column_stack([np.interp(at, time, x) for x in values.T])
-
-
 class Felt:
     """The integral of rates (n, axes); over a chord, of their means over it."""
 
@@ -47,7 +42,7 @@ class Felt:
 
     def mean(self, time: Array, window: float) -> Array:
         """Return the mean rates over windows around some times, (n, axes)."""
-        early, late = (along(self.time, self._sum, time + h * window) for h in (-0.5, 0.5))
+        early, late = (interpolate(self.time, self._sum, time + h * window) for h in (-0.5, 0.5))
         return (late - early) / window
 
 
@@ -155,7 +150,7 @@ def _by_velocities(time: Array, velocity: Array, window: float, slowest: float) 
         raise InswsnError("There are too few velocities to tell a course by.")
     h = _longer(max(window, _COURSE_WINDOW), time)
     middle, kept = windows(time, h)
-    ends = np.array([along(time, velocity, middle + side) for side in (-h / 2, h / 2)])
+    ends = np.array([interpolate(time, velocity, middle + side) for side in (-h / 2, h / 2)])
     return _course(middle, ends, kept & (_slower(ends) >= slowest), h, slowest)
 
 
@@ -167,7 +162,8 @@ def _by_positions(time: Array, place: Array, window: float, slowest: float) -> T
     h, error = _longer(max(window, _COURSE_WINDOW), time), np.sqrt(2) * usual
     while True:
         middle, kept = windows(time, 2 * h, h)
-        ends = np.diff([along(time, place, middle + side * h) for side in (-1, 0, 1)], axis=0) / h
+        places = [interpolate(time, place, middle + side * h) for side in (-1, 0, 1)]
+        ends = np.diff(places, axis=0) / h
         speed = _slower(ends)
         kept &= speed > max(slowest, _CLEAR * error / h)
         clear = kept.any() and error < _ANGLE * h * float(np.median(speed[kept]))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.logs.blocks import block_starts
+from inswsn_lib.logs.blocks import block_starts, interpolate
 from inswsn_lib.logs.columns import INS, REFERENCE, TIME, WSN, check_clock, columns_of, reading
 
 Rows = NDArray[np.intp]
@@ -248,7 +248,7 @@ def _resampled(time: Array, sources: dict[str, Array]) -> TrackPair:
     (begin, v), (end, w) = ((part[:, :2], part[:, 2:]) for part in (ins[before], ins[before + 1]))
     s, slope = since / step, (end - begin) / step
     way = begin + since * (v + s * (3 * slope - 2 * v - w + s * (v + w - 2 * slope)))
-    ins_on_grid = np.hstack([way, _lines(time, ins[:, 2:], inside)])
+    ins_on_grid = np.hstack([way, interpolate(time, ins[:, 2:], inside)])
     ins_on_grid[steps[before] > _PATIENCE * period] = np.nan  # rows are missing
     place = np.clip(np.round((time - time[0]) / period).astype(int), 0, len(grid) - 1)
     offset = time - grid[place]
@@ -256,9 +256,5 @@ def _resampled(time: Array, sources: dict[str, Array]) -> TrackPair:
     fixed = np.flatnonzero(~np.isnan(sources["wsn"]).all(axis=1))
     fixed = fixed[np.argsort(-np.abs(offset[fixed]), kind="stable")]  # the nearest comes last
     wsn[place[fixed]] = sources["wsn"][fixed] + ins_on_grid[place[fixed]] - ins[fixed]
-    reference = _lines(time, sources["ref"], inside) if "ref" in sources else None
+    reference = interpolate(time, sources["ref"], inside) if "ref" in sources else None
     return TrackPair(grid, period, ins_on_grid, wsn, reference, float(np.std(offset)), True)
-
-
-def _lines(time: Array, values: Array, at: Array) -> Array:
-    return np.column_stack([np.interp(at, time, x) for x in values.T])

@@ -270,7 +270,7 @@ def with_height(fixes: Fixes, height: float) -> tuple[Fixes, Finding]:
     return found, Finding("height", "network", height, -np.inf, np.inf, None, says)
 
 
-def deviation_of(fixes: Fixes) -> float:
+def fix_deviation(fixes: Fixes) -> float:
     """Return about how large the errors of fixes are, m: as they say of themselves, or look."""
     if fixes.deviation is not None and np.isfinite(fixes.deviation).any():
         return max(float(np.nanmedian(fixes.deviation[:, :2])), _LEAST)
@@ -295,7 +295,7 @@ def shares_of(fixes: Fixes) -> Array:
     """
     found = np.tile(UP, (len(fixes), 1))
     if fixes.deviation is not None and np.isfinite(fixes.deviation).any():
-        said = fixes.deviation / deviation_of(fixes)
+        said = fixes.deviation / fix_deviation(fixes)
         part = found[:, : said.shape[1]]
         part[:] = np.where(np.isfinite(said), np.maximum(said, _LEAST_SHARE), part)
     return found

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import binom, geom
 
 from inswsn_lib.checks import Array, Mask
+from inswsn_lib.logs.blocks import interpolate
 from inswsn_lib.logs.findings import FALSE_ALARM, Finding, judged
-from inswsn_lib.logs.imu_clock import along
 from inswsn_lib.logs.set_up_motion import check_imu, check_odometry, check_velocities
 from inswsn_lib.logs.set_up_positions import check_positions
 from inswsn_lib.streams import Fixes, Imu, Odometry, Ranges, Recording, Reference, Stream, Whole
@@ -257,7 +257,7 @@ def _unjoined_rows(name: str, stream: Stream) -> _Judged:
     kept = _longest_chain(np.append(0, cuts), np.append(cuts, rows), joined)
     if kept.all():
         return None, None
-    away = stream.position - along(time[kept], stream.position[kept], time)
+    away = stream.position - interpolate(time[kept], stream.position[kept], time)
     most, count = float(np.nanmax(np.linalg.norm(away[~kept], axis=1))), int((~kept).sum())
     says = (
         f"{count} rows, first at {stream.time[~kept][0]:.6g} s and up to {most:.2g} m away, are "

@@ -12,8 +12,9 @@ from scipy.stats import t
 
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError
+from inswsn_lib.logs.blocks import interpolate
 from inswsn_lib.logs.findings import FALSE_ALARM, Finding, judged, unknown
-from inswsn_lib.logs.imu_clock import Felt, Told, along, imu_clock, told_by, windows
+from inswsn_lib.logs.imu_clock import Felt, Told, imu_clock, told_by, windows
 from inswsn_lib.logs.likeness import BLOCK, HOUR, Likeness, late, units_of
 from inswsn_lib.logs.model import ReferenceMotion
 from inswsn_lib.streams import Imu, Recording
@@ -224,7 +225,9 @@ def check_velocities(recording: Recording) -> Iterator[Finding]:
     speed, apart = np.zeros(0), np.zeros(0)
     if len(time) > 1:
         middle, whole = windows(time, BLOCK)
-        early, after = (along(time, state[:, :2], middle[whole] + h * BLOCK) for h in (-0.5, 0.5))
+        early, after = (
+            interpolate(time, state[:, :2], middle[whole] + h * BLOCK) for h in (-0.5, 0.5)
+        )
         told = Felt(time, state[:, 2:]).mean(middle[whole], BLOCK)
         speed = np.linalg.norm(told, axis=1)
         apart = np.linalg.norm((after - early) / BLOCK - told, axis=1)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inswsn_lib.checks import Array, Mask
+from inswsn_lib.logs.blocks import interpolate
 from inswsn_lib.simulation.position_search import (
     least_positions,
     linear_start,
@@ -145,7 +146,7 @@ def _side(
     if known.any() and not spread.common[rest].any():
         place = np.where(sides[known, None] >= 0, above.position[known], below.position[known])
         time = mean_times(rows)
-        near = np.column_stack([np.interp(time[rest], time[known], x) for x in place.T])
+        near = interpolate(time[known], place, time[rest])
         away = [np.linalg.norm(fit.position[rest] - near, axis=1) for fit in (above, below)]
         sides[rest] = np.where(away[0] < away[1], 1.0, -1.0)
     # what a window tells by little is better than nothing, but where it is hardly anything

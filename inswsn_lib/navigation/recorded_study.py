@@ -21,6 +21,7 @@ from inswsn_lib.files import WRITTEN, read_text
 from inswsn_lib.filters import intersect, run_kalman
 from inswsn_lib.inertial import PositionFixes
 from inswsn_lib.logs import Ladder, Outages, calibrate, multilaterate_track
+from inswsn_lib.logs.blocks import interpolate
 from inswsn_lib.logs.correction import COLOURED, TIGHT
 from inswsn_lib.logs.estimates import Estimate, scores, tag_track
 from inswsn_lib.logs.ladder import FIXED_LAG, SMOOTHER, DifferenceFilters, difference_model
@@ -447,7 +448,7 @@ class RecordedStudy:
         """Return the true distances of a point of the body to the anchors that were heard."""
         ranges = self._heard
         time, track = tag_track(replace(self.room.recording, lever_arm=arm))
-        place = np.column_stack([np.interp(ranges.time, time, x) for x in track.T])
+        place = interpolate(time, track, ranges.time)
         return np.asarray(np.linalg.norm(place - ranges.anchors[ranges.anchor], axis=1))
 
     def _autocorrelations(self) -> pd.DataFrame:

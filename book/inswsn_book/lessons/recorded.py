@@ -443,6 +443,8 @@ def hold(
         record.data(f"scenarios/{name}.yaml")
     for name, of, form in EVIDENCE:
         record.say(name, f"{record.reference('recorded-data', of).value:{form}}")
+    ends = record.reference("recorded-data", "room.lag.position").interval or ()
+    record.say("lag.interval", " to ".join(f"{end:.2f}" for end in ends))
     kinds = ("labyrinth.odometry.error", "labyrinth.network.error")
     wheels, fixes = (record.reference("recorded-data", of).value for of in kinds)
     record.say("wheels", f"{wheels / fixes:.2f}")

@@ -22,7 +22,7 @@ from inswsn_lib.logs.correction import (
     correction_of,
     turned_by_gyroscope,
 )
-from inswsn_lib.logs.network_fixes import deviation_of, network_of
+from inswsn_lib.logs.network_fixes import fix_deviation, network_of
 from inswsn_lib.logs.report import sentence_of
 from inswsn_lib.streams import Fixes, Imu, Odometry, Recording, Reference
 
@@ -261,9 +261,9 @@ def test_second_differences_tell_the_noise_of_a_steady_motion() -> None:
     rng = np.random.default_rng(1)
     time = np.arange(2000.0)
     place = np.outer(time, [1.0, 2.0]) + 0.5 * rng.normal(size=(2000, 2))
-    assert deviation_of(Fixes(time, place)) == pytest.approx(0.5, rel=0.1)
-    assert deviation_of(Fixes(time, place, deviation=0 * place + 0.2)) == pytest.approx(0.2)
-    assert deviation_of(Fixes(time[:2], place[:2])) == 1.0
+    assert fix_deviation(Fixes(time, place)) == pytest.approx(0.5, rel=0.1)
+    assert fix_deviation(Fixes(time, place, deviation=0 * place + 0.2)) == pytest.approx(0.2)
+    assert fix_deviation(Fixes(time[:2], place[:2])) == 1.0
 
 
 @pytest.mark.parametrize(
