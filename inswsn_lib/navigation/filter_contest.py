@@ -153,9 +153,11 @@ class FilterContest:
         return search_pattern(name, (1.0, begin), (_HALF_DECADE, step), loss, most=TRIALS)
 
 
-def kalman(models: Mapping[str, ErrorModel], predicted: bool = False) -> Estimator:
-    """Return the Kalman filter of models by area; it knows nothing before the first measurement."""
-    return lambda a, y: run_kalman(models[a], y, initial_covariance=UNKNOWN, predicted=predicted)
+def kalman(
+    models: Mapping[str, ErrorModel], predicted: bool = False, covariance: Array = UNKNOWN
+) -> Estimator:
+    """Return the Kalman filter of models by area; P_0 says that it knows nothing at first."""
+    return lambda a, y: run_kalman(models[a], y, initial_covariance=covariance, predicted=predicted)
 
 
 def run_wandering(
