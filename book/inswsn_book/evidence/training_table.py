@@ -17,7 +17,7 @@ from inswsn_lib.navigation.training_areas import (
     table2_cells,
     table2_findings,
 )
-from inswsn_lib.papers import COLUMNS
+from inswsn_lib.papers import AXES, COLUMNS
 
 #: The methods of Table 2 as rebuilt, by the names of `TrainingAreas.estimate`
 REBUILT = {
@@ -27,6 +27,14 @@ REBUILT = {
 }
 #: The filters that stand for KF and HF on equal terms, by the names of `FilterContest`
 EQUAL = {"kalman": "Kalman", "hf-exact-lmi": "HF, exact LMI"}
+#: What P1's reductions from KF to HF are held against: words, and the methods that are KF and HF,
+#: by what stands before the names; the first decides the claims
+RIVALS = {
+    "": ("KF, matched, filtered", "kf-matched-filtered", "hf-printed-filtered"),
+    "predicted.": ("KF, matched, predicted", "kf-matched-predicted", "hf-printed-predicted"),
+    "identity.": ("KF, $Q = R = I$, filtered", "kf-identity-filtered", "hf-printed-filtered"),
+    "zero.": ("KF, state set to zero", "kf-zero", "hf-printed-predicted"),
+}
 _ACCURACY = 0.2  # m, of P1's fixes, to which recorded errors are scaled
 
 
@@ -73,6 +81,47 @@ def rebuild_table2(contest: FilterContest, recorded: Array) -> dict[str, Finding
                 f"Position cells of HF, exact LMI, over {its}, {words}, sums of medians.",
             )  # fmt: skip
     return table2_findings(cells) | ratios | found
+
+
+def reduce_errors(cells: Mapping[str, ByArea]) -> dict[str, Finding]:
+    """Return by how much HF lowers the errors of KF, and which orderings of Section 5.3 come out.
+
+    Parameters
+    ----------
+    cells : mapping
+        Of the methods of `RIVALS` and of ``ins``, from `table2_cells`.
+    """
+    found = {}
+    middle = {m: {c: float(np.median(v)) for c, v in of.items()} for m, of in cells.items()}
+    for prefix, (label, kf, hf) in RIVALS.items():
+        words = label.replace("$", "")
+        for axis in AXES:
+            column = f"{axis}1"
+            share = 100 * (1 - cells[hf][column] / cells[kf][column])
+            low, value, high = (float(x) for x in np.quantile(share, [0.025, 0.5, 0.975]))
+            how = f"Reduction of the mean error {axis} of area 1 from KF to HF, {words}: median."
+            found[f"{prefix}percent.{axis}"] = Finding(value, low, high, "%", how)
+        k, h, i = middle[kf], middle[hf], middle["ins"]
+        for name, count, how in (
+            (
+                "first-area.position-ordered",
+                sum(h[c] < k[c] < i[c] for c in ("rx1", "ry1")),
+                "Position columns of area 1 in which HF is below KF, and KF below INS-only",
+            ),
+            (
+                "first-area.velocity-smallest",
+                sum(h[c] < min(k[c], i[c]) for c in ("vx1", "vy1")),
+                "Velocity columns of area 1 in which HF is below KF and INS-only",
+            ),
+            (
+                "second-area.halved",
+                sum(h[c] <= k[c] / 2 for c in COLUMNS if c[2] == "2"),
+                "Columns of area 2 in which HF has at most half of the error of KF",
+            ),
+        ):
+            told = f"{how}, medians, {words}."
+            found[f"{prefix}percent.{name}"] = Finding(count, count, count, "columns", told)
+    return found
 
 
 def recorded_errors(path: Path) -> Array:
