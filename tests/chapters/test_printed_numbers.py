@@ -124,6 +124,9 @@ def test_plain_papermill_with_other_parameters(project: Project, tmp_path: Path)
     assert rerun["table2.percentages.met"].value == 3
     # a rerun goes on when a sentence no longer holds, and says which
     overturned = [sentence for sentence, held in rerun.sentences.items() if not held]
-    assert "Figure of percentages: left, only the bar of r_x holds its marker." in overturned
+    assert (
+        "Percentages: of the statements on HF, the cells of area 1 support that on r_x alone."
+        in overturned
+    )
     cells = json.loads((tmp_path / "out.ipynb").read_text())["cells"]
-    assert "only the bar of r_x" in json.dumps([c.get("outputs") for c in cells][-2:])
+    assert "support that on r_x alone" in json.dumps([c.get("outputs") for c in cells][-2:])

@@ -296,7 +296,6 @@ def test_the_pages_are_those_that_are_listed_and_have_titles_of_their_own(built_
 # figures that show no data
 DIAGRAMS = {
     "fig-l5-flow": "who sends what to whom",
-    "fig-p1-outages-modes": "two block diagrams of the hybrid",
 }
 
 

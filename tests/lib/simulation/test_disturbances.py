@@ -7,9 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
-from inswsn_book.evidence.drift_shapes import SHAPES, Shape, shaped_drift
-from scipy.integrate import cumulative_simpson
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.simulation import drifting, heavy_tailed, losing
@@ -19,57 +16,6 @@ TIME = np.linspace(0, 90, 3601)
 
 def rng(seed: int) -> np.random.Generator:
     return np.random.default_rng(seed)
-
-
-@settings(max_examples=25)
-@given(st.sampled_from(SHAPES), st.integers(0, 10**6), st.floats(0.01, 100), st.floats(5, 200))
-def test_the_position_is_the_integral_of_the_velocity(
-    shape: Shape, seed: int, size: float, cycle: float
-) -> None:
-    """By Simpson's rule, from the first position on."""
-    drift = shaped_drift(shape, TIME, rng(seed), 6, size=size, cycle=cycle)
-    way = cumulative_simpson(drift[:, 2:], x=TIME, axis=0, initial=0)
-    assert np.abs(drift[:, :2] - drift[0, :2] - way).max() < 1e-4 * size
-    # the size is that of the drift and not of the first position
-    one = shaped_drift(shape, TIME, rng(seed), 6, cycle=cycle)
-    assert np.array_equal(one[0, :2], drift[0, :2])
-    assert drift[:, 2:] == pytest.approx(size * one[:, 2:])
-
-
-@given(st.integers(0, 10**6), st.floats(5, 200))
-def test_velocities_are_constant_linear_or_obey_the_oscillator(seed: int, cycle: float) -> None:
-    """v(t + h) + v(t - h) = 2 cos(w h) v(t), the sum rule of the cosine."""
-    steady, line, wave = (
-        shaped_drift(shape, TIME, rng(seed), 6, cycle=cycle)[:, 2:] for shape in SHAPES
-    )
-    assert np.ptp(steady, axis=0).max() == 0
-    assert np.abs(np.diff(line, n=2, axis=0)).max() < 1e-12
-    step = 2 * np.pi / cycle * (TIME[1] - TIME[0])
-    assert np.abs(wave[2:] + wave[:-2] - 2 * np.cos(step) * wave[1:-1]).max() < 1e-12
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-def test_the_variances_of_a_shape(shape: Shape) -> None:
-    """20000 runs; each sample variance is within 5 of its standard deviations, sqrt(2/n) times it.
-
-    Of 96 variances and as many means one leaves these bounds with a probability of 1e-4 at most,
-    and with this seed none does.
-    """
-    runs, size, cycle = 20000, 2.0, 17.0
-    t = np.array([0.0, 3.0, 8.5, 40.0])
-    w = 2 * np.pi / cycle
-    velocity, way = {
-        "steady": (np.ones(4), t**2),
-        "accelerating": (1 / 16 + t**2 / 400, t**2 / 16 + t**4 / 1600),
-        "oscillating": (np.ones(4), 2 * (1 - np.cos(w * t)) / w**2),
-    }[shape]
-    drift = shaped_drift(shape, t, rng(20120707), runs, size=size, cycle=cycle)
-    expected = np.stack([1 + size**2 * way] * 2 + [size**2 * velocity] * 2, axis=1)
-    assert np.mean(drift**2, axis=2) == pytest.approx(expected, rel=5 * np.sqrt(2 / runs))
-    assert np.all(np.abs(drift.mean(axis=2)) < 5 * np.sqrt(expected / runs))
-    # the axes are independent of one another, and so is the first position of the drift
-    for one, other in ((0, 1), (2, 3), (0, 2), (1, 3)):
-        assert abs(np.corrcoef(drift[0, one], drift[0, other])[0, 1]) < 5 / np.sqrt(runs)
 
 
 def test_heavy_tails_have_the_variance_of_students_t() -> None:
@@ -123,7 +69,6 @@ def test_lost_fixes_are_whole_and_the_others_untouched() -> None:
 
 DRIFT: dict[str, Any] = {"errors": np.zeros((3, 4, 2)), "period": 1.0, "deviation": 1.0,
                          "correlation_time": 1.0}  # fmt: skip
-SHAPED: dict[str, Any] = {"shape": "steady", "time": [0.0, 1.0], "runs": 2}
 
 
 @pytest.mark.parametrize(
@@ -133,8 +78,6 @@ SHAPED: dict[str, Any] = {"shape": "steady", "time": [0.0, 1.0], "runs": 2}
         (losing, {"errors": [[[1.0]]], "share": 0.5}, {"errors": [[1.0]], "share": 1.1}),
         (drifting, DRIFT, {"errors": np.zeros((3, 3, 2)), "period": 0, "deviation": -1,
                            "correlation_time": 0}),
-        (shaped_drift, SHAPED, {"shape": "jumping", "time": [[0.0]], "runs": 0, "size": 0,
-                                "cycle": 0}),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused(
