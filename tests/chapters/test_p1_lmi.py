@@ -23,7 +23,6 @@ BY_HAND = {
     # deadbeat, with the jitter of the area: gamma^2 = b^2 (1 + dt^2)
     "printed.h1.gamma1": 4 * (1 + 0.0012**2) ** 0.5,
     "printed.h2.gamma2": 4.0055 * (1 + 0.0008409**2) ** 0.5,
-    "norm.deadbeat": np.linalg.eigvalsh(np.eye(4) + TRANSITION @ TRANSITION.T).max() ** 0.5,
     "curve.equal.deadbeat.rms": (8 + 2 * 0.2**2) ** 0.5,
     "printed.h4.gamma1": (4**2 + 0.21**2) ** 0.5,
 }
