@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -65,6 +66,28 @@ def outage_table(
         for name, row in table.loc[list(names)].iterrows()
     }
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis("method")
+
+
+def replication_table(
+    planned: Sequence[Mapping[str, str]], outcomes: Sequence[Mapping[str, Any]]
+) -> pd.DataFrame:
+    """Return the sentences of a registered replication, and what came of each."""
+
+    def numbers(found: Mapping[str, float] | None) -> str:
+        each = (found or {}).items()
+        return "; ".join(f"{what.replace('_', ' ')} {x:.3g}" for what, x in each) or "–"
+
+    rows = [
+        {
+            "sentence": said["sentence"].rstrip("."),
+            "recording": "–" if said["applies_to"] == "neither" else said["applies_to"],
+            "what came of it": outcome["came_of_it"],
+            "in 2.0.0": numbers(outcome.get("published")),
+            "replicated": numbers(outcome.get("replicated")),
+        }
+        for said, outcome in zip(planned, outcomes, strict=True)
+    ]
+    return pd.DataFrame(rows).set_index("sentence")
 
 
 def memory_of(series: pd.Series) -> float:
