@@ -188,6 +188,7 @@ def test_an_environment_is_made_anew_for_another_lock_alone(checkout: Checkout) 
     assert len({p.name for p in checkout.made.iterdir()} - {"pip"}) == 2, "the old one is gone"
 
 
+@pytest.mark.whole
 def test_it_is_made_without_a_home_folder(checkout: Checkout) -> None:
     """What pip fetches and builds is kept in the checkout."""
     checkout.lock_source()

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from inswsn_book.alone import alone
 from inswsn_book.assumptions import ASSUMPTIONS, Headline, load_assumptions, quick_request
 from inswsn_book.compare import (
     compare_conditions,
@@ -15,7 +17,7 @@ from inswsn_book.compare import (
     pair_quantities,
 )
 from inswsn_book.cores import asked_schema
-from inswsn_book.ledger import LEDGER, Claim, claims_of, load_claims
+from inswsn_book.ledger import LEDGER, Claim, QuantityCheck, claims_of, load_claims
 from inswsn_book.parameters import Schema, Value
 from inswsn_book.progress import Progress
 from inswsn_book.project import Project
@@ -29,7 +31,9 @@ from inswsn_book.running import (
     run_chapter,
 )
 from inswsn_book.runs import Request, reference_results
+from inswsn_book.verdicts import verdicts
 from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.files import read_text
 
 #: The most findings that are told, and the most characters of a line
 MOST, WIDTH = 8, 160
@@ -46,29 +50,38 @@ def ask(
     file: Path | None,
     *,
     quick: bool,
+    only: str | None = None,
     **how: Any,
 ) -> Iterator[str]:
-    """Run a chapter, or the evidence of a lesson, as a user asks; say what comes of it."""
+    """Run a chapter, or the evidence of a lesson, as a user asks; say what comes of it.
+
+    Of a chapter `only` what has that name, see `inswsn_book.alone`, with what it needs.
+    """
     asked = project.find(name)
     names = [setting.partition("=")[0] for setting in settings]
     every = [*names, *(parameters_in(file) if file else ())]
-    chapter = chapter_with(project, asked, every, quick=quick)
+    chapter = chapter_with(project, asked, every, quick=quick or only is not None)
     if chapter != asked:
-        why = "the findings" if quick else "this parameter"
+        why = "the findings" if quick or only else "this parameter"
         yield f"{asked.id} passes this on to its evidence, {chapter.id}, which has {why}."
     schema = asked_schema(project.root, chapter, every)
     values = gather_parameters(schema, settings, file, project.root / "data")
     before, request = reference_results(project, chapter.id), Request(chapter.id, values)
+    claims = claims_of(load_claims(project.root / LEDGER), chapter.id)
+    if only is not None:
+        if quick:
+            raise ParameterError("--only", "given with --quick", "left out: that runs no cell")
+        part = alone(read_text(chapter.source), chapter.id, only, before.cells, claims)
+        request = replace(request, overlay={f"chapters/{chapter.name}.md": part})
     if quick:
         request = quick_request(project.root, chapter, values)
         if request.core and how["html"]:
             raise ParameterError("--html", "given with --quick", "left out: no page is executed")
-    elif before.provenance and before.provenance.seconds > LONG:
+    elif only is None and before.provenance and before.provenance.seconds > LONG:
         yield (
             f"The published run took {before.provenance.seconds:.0f} s. --quick computes findings "
             "alone, by fewer runs and so less surely, and judges no sentence and no verdict."
         )
-    claims = claims_of(load_claims(project.root / LEDGER), chapter.id)
     known = (project.root / ASSUMPTIONS).is_file()
     headlines = load_assumptions(project.root).of_chapter(chapter.id) if known else []
 
@@ -81,6 +94,13 @@ def ask(
             by = f", with up to {runs[0]} runs (published: {runs[1]})" if runs[0] > 1 else ""
             said = f"It took {took:.0f} s{by}."
             return [*lines, f"{said} Sentences and verdicts are judged without --quick."], []
+        if only is not None:
+            lines = [
+                asked,
+                *of_part(before, results, claims),
+                places(folder, chapter.name, took, html=how["html"]),
+            ]
+            return lines, comparison(part_of(before, results), results, claims)
         lines = [
             asked,
             *findings(headlines, before, results),
@@ -151,6 +171,29 @@ def of_core(headlines: Sequence[Headline], before: Results, after: Results) -> l
         f"- {now[name].how.rstrip('.')}: {value_of(then[name])} -> {value_of(now[name])}"
         for name in others[: MOST - len(said)]
     ]
+
+
+def part_of(before: Results, after: Results) -> Results:
+    """Return of a chapter's results what a part of it has computed again."""
+    names = {quantity.name for quantity in after.quantities}
+    kept = [quantity for quantity in before.quantities if quantity.name in names]
+    sentences = {said: held for said, held in before.sentences.items() if said in after.sentences}
+    return before.model_copy(update={"quantities": tuple(kept), "sentences": sentences})
+
+
+def of_part(before: Results, after: Results, claims: Sequence[Claim]) -> list[str]:
+    """Return a line for each claim that a part of a chapter decides, and for what has changed."""
+    names = {quantity.name for quantity in after.quantities}
+    own = [c for c in claims if isinstance(c.check, QuantityCheck) and c.check.quantity in names]
+    before = part_of(before, after)
+    then, now = ({j.claim.id: j for j in verdicts(own, [each])} for each in (before, after))
+    lines = []
+    for claim in own:
+        old, new = then[claim.id], now[claim.id]
+        turned = "" if old.verdict == new.verdict else f" (published: {old.words})"
+        held = f"the paper {new.published_text}, here {value_of(new.quantity)}"
+        lines.append(f"- {claim.id}: {held}: {new.words}{turned}")
+    return lines + findings([], before, after) + differences(before, after, [])
 
 
 def _turned(turns: float | None, values: Sequence[float], ends: tuple[float, float] | None) -> str:

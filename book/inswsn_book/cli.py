@@ -121,6 +121,9 @@ def chapters(root: Path | None, name: str | None) -> None:
 @click.option("--html", is_flag=True, help="Also render the chapter's page for this run.")
 @click.option("--fresh", is_flag=True, help="Execute it even if the same run is kept.")
 @click.option("--quick", is_flag=True, help="The findings of the core alone, by fewer runs.")
+@click.option(
+    "--only", metavar="NAME", help="A claim, number, table or figure, with the cells that it needs."
+)
 @click.pass_obj
 def run(
     root: Path | None,

@@ -11,7 +11,7 @@ from conftest import WHOLE, weekly_but
 from inswsn_book.judging import judge_claims
 from inswsn_book.project import Project
 from playwright.sync_api import Browser, expect
-from visiting import CHAPTER_00, PAGES, Open, boxes, settled, unfold
+from visiting import CHAPTER_00, LESSON, PAGES, Open, boxes, settled, unfold
 
 pytestmark = pytest.mark.page
 
@@ -55,7 +55,6 @@ def test_which_filter_is_two_clicks_from_anywhere(built_site: Path) -> None:
         assert re.search(r'<a [^>]*href="[^"]*(which-filter|index)\.html', page), name
 
 
-pytestmark = pytest.mark.page
 CHAPTERS = [name for name in PAGES if name.startswith("chapters/")]
 LESSONS = [name for name in CHAPTERS if "/evidence/" not in name]
 DESKTOP, PHONE = {"width": 1440, "height": 900}, {"width": 360, "height": 740}
@@ -70,7 +69,7 @@ CUT = """() => [...document.querySelectorAll(
     style.overflowX === "auto" && style.backgroundImage.includes("gradient")])"""
 
 
-@pytest.mark.parametrize("name", LESSONS)
+@pytest.mark.parametrize("name", weekly_but({LESSON}, LESSONS))
 def test_a_lesson_loads_at_most_that_much(browser: Browser, served: str, name: str) -> None:
     page = browser.new_page(viewport=DESKTOP)
     session, loaded = page.context.new_cdp_session(page), list[int]()
@@ -84,7 +83,7 @@ def test_a_lesson_loads_at_most_that_much(browser: Browser, served: str, name: s
     page.close()
 
 
-@pytest.mark.parametrize("name", weekly_but({*LESSONS, CHAPTER_00}, CHAPTERS))
+@pytest.mark.parametrize("name", weekly_but({LESSON, CHAPTER_00}, CHAPTERS))
 def test_code_fits_on_a_desktop_and_shows_that_it_scrolls_on_a_phone(
     open_page: Open, name: str
 ) -> None:
@@ -100,9 +99,6 @@ def test_code_fits_on_a_desktop_and_shows_that_it_scrolls_on_a_phone(
 def cut(page: Any) -> list[tuple[str, bool]]:
     found: list[tuple[str, bool]] = settled(page).evaluate(CUT)
     return found
-
-
-pytestmark = pytest.mark.page
 
 
 def test_a_link_into_a_folded_section_opens_it_and_the_others_stay(open_page: Open) -> None:
@@ -127,9 +123,6 @@ def test_all_is_folded_at_first_but_what_it_found(open_page: Open) -> None:
     summary.focus()
     page.keyboard.press("Enter")
     expect(folds.first).to_have_attribute("open", "")
-
-
-pytestmark = pytest.mark.page
 
 
 def test_claims_are_filtered_by_styles(browser: Browser, served: str, project: Project) -> None:
