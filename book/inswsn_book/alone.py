@@ -17,6 +17,11 @@ from inswsn_lib.errors import ParameterError
 # what the record gives back of what was recorded; what else a chapter calls of it only adds to it
 _ASKED = ("judge", "results", "show_claims")
 _RECORD = "record"
+# statements after which what they assign is bound; of others a branch may have been left out
+_BINDING = (
+    *(ast.FunctionDef, ast.ClassDef, ast.Assign, ast.AnnAssign, ast.Import, ast.ImportFrom),
+    *(ast.Expr, ast.Assert),
+)
 
 
 @dataclass(frozen=True)
@@ -32,8 +37,7 @@ class Cell:
     @cached_property
     def changed(self) -> frozenset[str]:
         """Names that it binds or whose objects it changes: by an index, an attribute, a method."""
-        names = {s.get_name() for s in self._table.get_symbols() if s.is_assigned()}
-        names |= {s.get_name() for s in self._table.get_symbols() if s.is_imported()}
+        names = {s.get_name() for s in self._table.get_symbols() if _binds(s)}
         for node in ast.walk(self._tree):
             inner: Any = None
             if isinstance(node, ast.Attribute | ast.Subscript) and isinstance(node.ctx, ast.Store):
@@ -58,15 +62,8 @@ class Cell:
 
     @cached_property
     def _flow(self) -> tuple[frozenset[str], frozenset[str]]:
-        bound, taken = set[str](), set[str]()
-        for statement in self._tree.body:
-            table = symtable.symtable(ast.unparse(statement), "cell", "exec")
-            taken |= set(_globals(table)) - bound
-            if isinstance(statement, ast.FunctionDef | ast.ClassDef | ast.Assign | ast.AnnAssign):
-                bound |= {s.get_name() for s in table.get_symbols() if s.is_assigned()}
-            elif isinstance(statement, ast.Import | ast.ImportFrom):
-                bound |= {s.get_name() for s in table.get_symbols() if s.is_imported()}
-        return frozenset(taken), frozenset(bound - taken)
+        taken, bound = _flow(self._tree.body, frozenset())
+        return taken, bound - taken
 
     @cached_property
     def later(self) -> frozenset[str]:
@@ -74,7 +71,7 @@ class Cell:
         inner = self._table.get_children()
         return frozenset(name for table in inner for name in _globals(table))
 
-    @property
+    @cached_property
     def _table(self) -> symtable.SymbolTable:
         return symtable.symtable(self.source, "cell", "exec")
 
@@ -82,6 +79,46 @@ class Cell:
         """Tell whether it asks for what was recorded before it."""
         calls = [n.func for n in ast.walk(self._tree) if isinstance(n, ast.Call)]
         return any(getattr(f, "attr", getattr(f, "id", "")) in _ASKED for f in calls)
+
+
+def _flow(
+    statements: Sequence[ast.stmt], bound: frozenset[str]
+) -> tuple[frozenset[str], frozenset[str]]:
+    """Return what statements take that is not bound before, and what is surely bound after them."""
+    taken = frozenset[str]()
+    for statement in statements:
+        if isinstance(statement, ast.For):  # it may have no turn: what it binds holds inside
+            taken |= _names(statement.iter) - bound
+            inner = _flow(statement.body, bound | _names(statement.target))[0]
+            taken |= inner | _flow(statement.orelse, bound)[0]
+        elif isinstance(statement, ast.If):
+            taken |= _names(statement.test) - bound
+            ways = [_flow(way, bound) for way in (statement.body, statement.orelse)]
+            taken |= ways[0][0] | ways[1][0]
+            bound = ways[0][1] & ways[1][1]
+        elif isinstance(statement, ast.With):
+            for item in statement.items:
+                taken |= _names(item.context_expr) - bound
+                bound |= _names(item.optional_vars) if item.optional_vars else frozenset()
+            inner, bound = _flow(statement.body, bound)
+            taken |= inner
+        else:
+            table = symtable.symtable(ast.unparse(statement), "cell", "exec")
+            taken |= frozenset(_globals(table)) - bound
+            if isinstance(statement, _BINDING):
+                bound |= {s.get_name() for s in table.get_symbols() if _binds(s)}
+    return taken, bound
+
+
+def _binds(symbol: symtable.Symbol) -> bool:
+    return symbol.is_assigned() or symbol.is_imported()
+
+
+def _names(part: ast.expr) -> frozenset[str]:
+    """Return the names in an expression; of a target also those of what it changes."""
+    if isinstance(getattr(part, "ctx", None), ast.Store):
+        return frozenset(node.id for node in ast.walk(part) if isinstance(node, ast.Name))
+    return frozenset(_globals(symtable.symtable(ast.unparse(part), "cell", "eval")))
 
 
 def _globals(table: symtable.SymbolTable) -> Iterator[str]:
@@ -121,10 +158,18 @@ def needed(cells: Sequence[Cell], wanted: Iterable[int], recording: Iterable[int
         kept, later = found, later | more
 
 
+@dataclass(frozen=True)
+class Part:
+    """The source of a part of a chapter, and the quantities in it that were asked for."""
+
+    source: str
+    quantities: frozenset[str]
+
+
 def alone(
     source: str, name: str, asked: str, places: Mapping[str, str], claims: Iterable[Claim]
-) -> str:
-    """Return the source of a chapter that has the parameters and the cells asked for alone.
+) -> Part:
+    """Return the part of a chapter that has the parameters and the cells asked for alone.
 
     Parameters
     ----------
@@ -147,7 +192,8 @@ def alone(
     code = [i for i, cell in enumerate(notebook.cells) if cell.cell_type == "code"]
     cells = [Cell(notebook.cells[i].source) for i in code]
     decided = {c.id: c.check.quantity for c in claims if isinstance(c.check, QuantityCheck)}
-    at = {quantity: code.index(int(cell.rpartition("-")[2])) for quantity, cell in places.items()}
+    quantity = decided.get(asked, asked)
+    at = {each: code.index(int(cell.rpartition("-")[2])) for each, cell in places.items()}
     labels = {
         word.value: place
         for place, cell in enumerate(cells)
@@ -157,8 +203,9 @@ def alone(
     }
     known = labels | {label.split("-", 1)[1]: place for label, place in labels.items()}
     known |= {label.removeprefix(f"{name}-"): p for label, p in known.items()} | at
-    wanted = {known[each] for each in (decided.get(asked, asked),) if each in known}
-    wanted |= {place for quantity, place in at.items() if quantity.startswith(f"{asked}.")}
+    quantities = {each for each in at if each == quantity or each.startswith(f"{asked}.")}
+    wanted = {at[each] for each in quantities} | ({known[asked]} if asked in known else set())
+    quantities |= set() if quantities else {each for each, place in at.items() if place in wanted}
     if not wanted:
         near = get_close_matches(asked, [*decided, *known], 1, 0.4)
         hint = f" (the nearest is {near[0]})" if near else ""
@@ -169,7 +216,8 @@ def alone(
     for place in sorted(kept):
         tags = "\n:tags: [parameters]" if place == parameters else ""
         lines += f"\n```{{code-cell}} ipython3{tags}\n\n{notebook.cells[place].source}\n```\n"
-    return f"{lines}\n```{{code-cell}} ipython3\n\nrecord.write();\n```\n"
+    ended = f"{lines}\n```{{code-cell}} ipython3\n\nrecord.write();\n```\n"
+    return Part(ended, frozenset(quantities))
 
 
 def _declares(cell: Any) -> bool:

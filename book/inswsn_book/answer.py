@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from inswsn_book.alone import alone
+from inswsn_book.alone import Part, alone
 from inswsn_book.assumptions import ASSUMPTIONS, Headline, load_assumptions, quick_request
 from inswsn_book.compare import (
     compare_conditions,
@@ -68,11 +68,12 @@ def ask(
     values = gather_parameters(schema, settings, file, project.root / "data")
     before, request = reference_results(project, chapter.id), Request(chapter.id, values)
     claims = claims_of(load_claims(project.root / LEDGER), chapter.id)
+    part: Part | None = None
     if only is not None:
         if quick:
             raise ParameterError("--only", "given with --quick", "left out: that runs no cell")
         part = alone(read_text(chapter.source), chapter.id, only, before.cells, claims)
-        request = replace(request, overlay={f"chapters/{chapter.name}.md": part})
+        request = replace(request, overlay={f"chapters/{chapter.name}.md": part.source})
     if quick:
         request = quick_request(project.root, chapter, values)
         if request.core and how["html"]:
@@ -94,10 +95,10 @@ def ask(
             by = f", with up to {runs[0]} runs (published: {runs[1]})" if runs[0] > 1 else ""
             said = f"It took {took:.0f} s{by}."
             return [*lines, f"{said} Sentences and verdicts are judged without --quick."], []
-        if only is not None:
+        if part is not None:
             lines = [
                 asked,
-                *of_part(before, results, claims),
+                *of_part(part.quantities, before, results, claims),
                 places(folder, chapter.name, took, html=how["html"]),
             ]
             return lines, comparison(part_of(before, results), results, claims)
@@ -181,9 +182,10 @@ def part_of(before: Results, after: Results) -> Results:
     return before.model_copy(update={"quantities": tuple(kept), "sentences": sentences})
 
 
-def of_part(before: Results, after: Results, claims: Sequence[Claim]) -> list[str]:
-    """Return a line for each claim that a part of a chapter decides, and for what has changed."""
-    names = {quantity.name for quantity in after.quantities}
+def of_part(
+    names: Collection[str], before: Results, after: Results, claims: Sequence[Claim]
+) -> list[str]:
+    """Return a line for each claim that the quantities asked for decide, and for what changed."""
     own = [c for c in claims if isinstance(c.check, QuantityCheck) and c.check.quantity in names]
     before = part_of(before, after)
     then, now = ({j.claim.id: j for j in verdicts(own, [each])} for each in (before, after))
@@ -193,7 +195,9 @@ def of_part(before: Results, after: Results, claims: Sequence[Claim]) -> list[st
         turned = "" if old.verdict == new.verdict else f" (published: {old.words})"
         held = f"the paper {new.published_text}, here {value_of(new.quantity)}"
         lines.append(f"- {claim.id}: {held}: {new.words}{turned}")
-    return lines + findings([], before, after) + differences(before, after, [])
+    made = {quantity.name for quantity in after.quantities} - {*names}
+    others = [c for c in claims if isinstance(c.check, QuantityCheck) and c.check.quantity in made]
+    return lines + findings([], before, after) + differences(before, after, others)
 
 
 def _turned(turns: float | None, values: Sequence[float], ends: tuple[float, float] | None) -> str:
