@@ -255,7 +255,7 @@ def stage_book(project: Project, runs: Sequence[Run], folder: Path) -> list[str]
         shown = with_notes(notebook, results, claims_of(claims, results.chapter), templates)
         texts[f"chapters/{name}.ipynb"] = json.dumps(shown, ensure_ascii=False).encode()
     texts |= {f"generated/{name}.svg": found["picture"].encode() for name, found in moving.items()}
-    texts |= _redirects(project, templates, texts)
+    texts |= _redirects(project, templates, texts, [*rendered, *others])
     for figure in (project.root / "data").glob("*.svg"):
         texts[f"generated/{figure.name}"] = figure.read_bytes()
     files.fill_folder(folder, texts)
@@ -280,11 +280,22 @@ def _pages(
     return texts, problems
 
 
-def _redirects(project: Project, templates: Environment, texts: Iterable[str]) -> dict[str, bytes]:
-    """Return pages at old addresses, which lead to the new ones, each place to its own."""
+def _redirects(
+    project: Project, templates: Environment, texts: Iterable[str], known: Iterable[Results]
+) -> dict[str, bytes]:
+    """Return pages at old addresses, which lead to the new ones, each place to its own.
+
+    An old cell that decided claims leads to where what it recorded is recorded today.
+    """
     there = {name.partition(".")[0] for name in texts}
     ids = {f"chapters/{c.name}": c.id for c in project.chapters()}
     page, found = templates.get_template("redirect.html"), {}
+    today = {results.chapter: results.cells for results in known}
+    cells = {
+        chapter: {old: f"cell-{today[chapter][quantity]}" for old, quantity in of_old.items()}
+        for chapter, of_old in project.renamed()["cells"].items()
+        if chapter in today
+    }
     for old, new in project.renamed()["pages"].items():
         name, mark, place = new.removesuffix("!").partition("#")
         if name in there:
@@ -294,7 +305,7 @@ def _redirects(project: Project, templates: Environment, texts: Iterable[str]) -
                 "kept": not new.endswith("!"),
                 "number": posixpath.basename(old)[:2],
                 "now": ids.get(name, ""),
-                "cells": project.renamed()["cells"].get(ids.get(name, ""), {}),
+                "cells": cells.get(ids.get(name, ""), {}),
             }
             found[f"moved/{old}.html"] = page.render(words).encode()
     return found

@@ -158,7 +158,7 @@ class Project:
         return chapters
 
     def renamed(self) -> dict[str, dict[str, Any]]:
-        """Return what `book/renamed.yaml` says: ``chapters``, ``pages``, ``cells``, old to new."""
+        """Return what `book/renamed.yaml` says of old ``chapters``, ``pages`` and ``cells``."""
         path = self.root / "book" / "renamed.yaml"
         found = read_yaml(path) if path.is_file() else {}
         return {"chapters": {}, "pages": {}, "cells": {}, **found}

@@ -6,6 +6,7 @@ places in it that were linked to. A line is never taken away.
 
 from __future__ import annotations
 
+import json
 import posixpath
 import re
 from functools import cache
@@ -20,6 +21,7 @@ _MOVED = re.compile(
     r'replace\("([^"]+)" \+ location\.search \+ \((location\.hash.* \|\| )?"#?(.*)"\)\)'
 )
 _RENAMED = re.compile(r'\.replace\(/(.+?)/, "([^"]*)"\)')
+_CELLS = re.compile(r"\.replace\(/cell-\.\*\$/, c => \((\{.*?\})\)")
 
 
 def place_behind(site: Path, address: str, name: str = "") -> tuple[str, str]:
@@ -30,6 +32,8 @@ def place_behind(site: Path, address: str, name: str = "") -> tuple[str, str]:
     page, kept, place = moved.groups()
     for old, new in _RENAMED.findall(kept or ""):
         name = re.sub(old, new, name, count=1)
+    for cells in _CELLS.findall(kept or ""):
+        name = json.loads(cells).get(name, name)
     name = name if kept and name else place
     return place_behind(site, posixpath.normpath(posixpath.join(address, "..", page)), name)
 
@@ -73,6 +77,7 @@ def test_an_address_that_is_none_leads_on_from_any_depth(
     [
         ("chapters/00-the-published-numbers.html#chapter-00", "printed-numbers"),
         ("chapters/evidence/02-kalman-against-h-infinity.html#fig-02-map", "fig-p1-training-map"),
+        ("chapters/05-the-vehicle.html#cell-ch05-079", "cell-p3-vehicle-076"),
         ("chapters/07-drift-and-fixes.html#chapter-07", "lesson-1"),
         ("chapters/71-two-filters-become-one.html#chapter-71", "more-drift-assumed"),
         ("status.html", "status"),  # a part of another page, in which places keep their names
