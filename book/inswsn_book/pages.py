@@ -32,6 +32,7 @@ from inswsn_book.plain import PlainBook
 from inswsn_book.project import Chapter, Project
 from inswsn_book.results import Results, results_text
 from inswsn_book.runs import Run, code_of, reference_results
+from inswsn_book.timing import slowest
 from inswsn_book.verdicts import OUTCOMES, Verdict, count_verdicts
 from inswsn_lib.errors import BuildError, InswsnError
 from inswsn_lib.files import read_text, read_yaml
@@ -110,6 +111,7 @@ def context(project: Project, results: Sequence[Results]) -> dict[str, Any]:
         "findings": findings,
         "judged": judged,
         "moving": {},
+        "slowest": slowest(results),
     }
     published = all(
         found.parameters == chapter_schema(project.root, found.chapter).defaults

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import os
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -16,7 +17,7 @@ from pydantic import ValidationError
 from inswsn_book.files import file_digest, write_whole
 from inswsn_book.ledger import LEDGER, claims_digest, claims_of, load_claims
 from inswsn_book.parameters import chapter_schema
-from inswsn_book.project import find_root, results_folder
+from inswsn_book.project import RESULTS_VARIABLE, find_root, results_folder
 from inswsn_book.provenance import MACHINE, machine_facts
 from inswsn_book.results import (
     Quantity,
@@ -26,6 +27,7 @@ from inswsn_book.results import (
     read_results,
     write_results,
 )
+from inswsn_book.timing import Sampler
 from inswsn_book.verdicts import Judged, verdicts
 from inswsn_lib.errors import InswsnError
 
@@ -59,6 +61,8 @@ class ChapterRecord:
         self._sentences: dict[str, bool] = {}
         self._solvers: dict[str, str] = {}
         self._studies: dict[str, bool] = {}
+        # where nobody reads how long it took, nobody looks
+        self._sampler = Sampler() if RESULTS_VARIABLE in os.environ else None
 
     def as_published(self, names: Iterable[str]) -> bool:
         """Tell whether these parameters have the values of the published run."""
@@ -216,6 +220,7 @@ class ChapterRecord:
         own = [name for name in sys.modules if name.partition(".")[0] in _PACKAGES]
         facts = machine_facts() | {"executable": sys.executable, "modules": own}
         facts["studies"] = self._studies
+        facts["functions"] = self._sampler.end() if self._sampler else {}
         write_whole(folder / MACHINE, json.dumps(facts))
         write_results(results, folder / f"{self._chapter}.json")
         return results
