@@ -26,6 +26,7 @@ COMMANDS = re.findall(
 SHORT = {
     "inswsn run printed-numbers": "--out out",
     "inswsn run 2": "--out out",
+    "inswsn run p1-training": "--out out",
     "inswsn run p1-outages": "-p runs=40 -p tuning_runs=4 -p networks=40 --out out",
     "inswsn sweep p1-training": "-p runs=40 -p other_runs=40 --out out",
 }
