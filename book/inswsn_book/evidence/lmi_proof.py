@@ -79,7 +79,7 @@ def compare_steps(truth: pd.DataFrame) -> pd.DataFrame:
             "neither": (~first & ~second).sum(),
             "only the first": (first & ~second).sum(),
             "only the second": (~first & second).sum(),
-            "equivalent": tick((first == second).all()),
+            "equivalent": tick(bool((first == second).all())),
         }
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis("step")
 
