@@ -39,7 +39,7 @@ def draw_built(
         (known, "s", "--", "jitter known, as in the theorem"),
     ):
         look = stroke("hinfinity", line)
-        ax.loglog(steps, [*gains.values()], marker=marker, ms=4, label=label, **look)
+        ax.loglog(steps, [*gains.values()], marker=marker, ms=6, mfc="none", label=label, **look)
     label = r"$\delta t$ times the gain of a sum of $N$ pushes"
     ax.loglog(steps, pushed, "--", color=grey, lw=1.2, label=label)
     ax.axhline(level, color=grey, lw=1, ls=":", label=r"$\gamma$ of the design")
