@@ -14,8 +14,7 @@ TRANSITION[0, 2] = TRANSITION[1, 3] = 0.2
 
 
 BY_HAND = {
-    "worst.full.level": 1.01 * 1.489671439,  # the margin; gamma with jitter by SCS
-    "jitter.spread-theory": 1000 * 0.0012 * 10,  # mm, after 100 steps at 1 m/s
+    "design.exact.level": 1.01 * 1.489671439,  # the margin; gamma with jitter by SCS
     "cost.unseen": 1 / (1 - 0.8),
     "buildable.minutes": 10.0,
     "proof.2.19.extra": 1.0,
@@ -23,7 +22,6 @@ BY_HAND = {
     # deadbeat, with the jitter of the area: gamma^2 = b^2 (1 + dt^2)
     "printed.h1.gamma1": 4 * (1 + 0.0012**2) ** 0.5,
     "printed.h2.gamma2": 4.0055 * (1 + 0.0008409**2) ** 0.5,
-    "curve.equal.deadbeat.rms": (8 + 2 * 0.2**2) ** 0.5,
     "printed.h4.gamma1": (4**2 + 0.21**2) ** 0.5,
 }
 

@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 
+from inswsn_lib.checks import Array
 from inswsn_lib.plotting import COLOURS, STROKES, figure, stroke
 
 
-def draw_cost(
-    gammas: Mapping[tuple[Any, ...], float], axes_of: Mapping[str, Sequence[float]]
-) -> Figure:
-    """Draw least gammas, by measurements, inequality, axis and value."""
+def draw_cost(gammas: pd.DataFrame) -> Figure:
+    """Draw least gammas, rows by measurements, axis and value, a column for each inequality."""
     fig, axes = figure(1, 2, height=3.4, sharey=True)
-    names = ("period $T$ (s)", "process noise / measurement noise")
-    for ax, (axis, values), xlabel in zip(axes, axes_of.items(), names, strict=True):
+    names = {"period": "period $T$ (s)", "ratio": "process noise / measurement noise"}
+    for ax, (axis, xlabel) in zip(axes, names.items(), strict=True):
         for label, marker in (("position and velocity", ""), ("position alone", "o")):
             for form, method in (("exact", "hinfinity"), ("printed", "published")):
-                course, look = [gammas[label, form, axis, v] for v in values], stroke(method)
-                ax.loglog(values, course, marker=marker, ms=4, label=f"{label}, {form}", **look)
+                course, look = gammas[form][label, axis], stroke(method)
+                ax.loglog(course, marker=marker, ms=4, label=f"{label}, {form}", **look)
         ax.set(xlabel=xlabel)
     axes[0].set(ylabel=r"least $\gamma$")
     axes[0].legend(fontsize=8.5)
@@ -29,26 +29,21 @@ def draw_cost(
 
 
 def draw_built(
-    built: Mapping[int, float], known: Mapping[int, float], pushed: Sequence[float], level: float
+    built: Mapping[int, float], known: Mapping[int, float], pushed: Array, level: float
 ) -> Figure:
     """Draw gains over N steps, the jitter not known and known, over that of a sum of pushes."""
     fig, ax = figure(height=3.2)
     grey, steps = COLOURS["published"], [*built]
-    look, hollow = stroke("hinfinity"), stroke("hinfinity", "--")
-    ax.loglog(
-        steps, [*built.values()], marker="o", ms=4, label="jitter not known, as built", **look
-    )
-    ax.loglog(
-        steps, [*known.values()], marker="s", ms=7, mfc="none",
-        label="jitter known, as in the theorem", **hollow,
-    )  # fmt: skip
+    for gains, marker, line, label in (
+        (built, "o", "-", "jitter not known, as built"),
+        (known, "s", "--", "jitter known, as in the theorem"),
+    ):
+        look = stroke("hinfinity", line)
+        ax.loglog(steps, [*gains.values()], marker=marker, ms=6, mfc="none", label=label, **look)
     label = r"$\delta t$ times the gain of a sum of $N$ pushes"
     ax.loglog(steps, pushed, "--", color=grey, lw=1.2, label=label)
     ax.axhline(level, color=grey, lw=1, ls=":", label=r"$\gamma$ of the design")
-    ax.axvline(100, ymax=0.4, color=grey, lw=0.8)
     low = 0.7 * min(known.values())
-    place = {"xytext": (5, 4), "textcoords": "offset points", "fontsize": 9}
-    ax.annotate("100 samples of P1", (100, low), **place)
     ax.set(xlabel="number of steps $N$", ylabel="gain over $N$ steps", ylim=(low, None))
     ax.set_yticks([1.5, 2, 3, 5, 8], ["1.5", "2", "3", "5", "8"])
     ax.minorticks_off()
@@ -65,7 +60,6 @@ def draw_curves(curves: Mapping[str, Mapping[str, Any]]) -> Figure:
         ours = colours["hinfinity"]
         ax.plot(*np.transpose(curve["exact"]), label="exact inequality", **stroke("hinfinity"))
         ax.plot(*np.transpose(curve["printed"]), label="printed inequality", **stroke("published"))
-        ax.plot(*np.transpose(curve["Riccati"]), "x", color=ours, ms=6, label="Riccati")
         ax.plot(*curve["here"], "o", color=ours, ms=7, label="margin of this page")
         ax.plot(*curve["Kalman"], "s", color=colours["kalman"], label="Kalman")
         ax.plot(*curve["deadbeat"], "D", color=colours["network"], ms=6, label="deadbeat")
