@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cvxpy as cp
 import numpy as np
@@ -155,9 +155,10 @@ def table3_frame(judged: Iterable[Verdict]) -> pd.DataFrame:
     for e in judged:
         if e.quantity is not None and e.quantity.interval is not None:
             low, high = e.quantity.interval
+            printed = str(e.claim.value)
             rows[f"[{e.claim.id.removeprefix('P1-T3-')}](#{e.claim.anchor})"] = [
-                str(e.claim.value), f"{e.quantity.value:.3g}", f"{low:.3g} to {high:.3g}",
-                f"{e.quantity.value / float(e.claim.value):.2f}", str(e.verdict),
+                printed, f"{e.quantity.value:.3g}", f"{low:.3g} to {high:.3g}",
+                f"{e.quantity.value / float(printed):.2f}", str(e.verdict),
             ]  # fmt: skip
     heads = ["printed", "rebuilt, median", "95 % of runs", "rebuilt over printed", "verdict"]
     return _frame(rows, heads, "cell")
@@ -226,5 +227,5 @@ def columns_frame(
     return frame.map("{:.0f}".format)
 
 
-def _frame(rows: Mapping[str, ArrayLike], heads: list[str], index: str) -> pd.DataFrame:
+def _frame(rows: dict[str, Any], heads: list[str], index: str) -> pd.DataFrame:
     return pd.DataFrame.from_dict(rows, orient="index", columns=heads).rename_axis(index)

@@ -82,7 +82,7 @@ def table3_cells(left: Left) -> dict[str, Array]:
 
 def medians(cells: Mapping[str, ArrayLike]) -> Array:
     """Return the medians of cells over their runs."""
-    return np.array([np.median(values) for values in cells.values()])
+    return np.array([np.median(np.asarray(values)) for values in cells.values()])
 
 
 def table3_findings(cells: Mapping[str, Mapping[str, ArrayLike]]) -> dict[str, Finding]:
