@@ -80,6 +80,11 @@ def table3_cells(left: Left) -> dict[str, Array]:
     return {c: means[c[2]][AXES.index(c[:2])] for c in COLUMNS}
 
 
+def medians(cells: Mapping[str, ArrayLike]) -> Array:
+    """Return the medians of cells over their runs."""
+    return np.array([np.median(np.asarray(values)) for values in cells.values()])
+
+
 def table3_findings(cells: Mapping[str, Mapping[str, ArrayLike]]) -> dict[str, Finding]:
     """Return the medians of the cells by method and column, with the ends of 95 % of runs."""
     each = (_outage(f"table3.{m}", columns, METHODS[m]) for m, columns in cells.items())
@@ -216,13 +221,13 @@ class Reading(NamedTuple):
 
 #: What reads the printed sigma, and the factor and power that make the width of it
 WIDTHS = {"": (1.0, 1.0), ", kernel exp(-d²/2σ)": (1.0, 0.5), ", kernel exp(-d²/σ)": (0.5, 0.5)}
-_SQUARE = ", kernel exp(-d²/2σ)"
+SQUARE = ", kernel exp(-d²/2σ)"
 LETTER = "trained and scored on the first 50"
 #: Readings of sigma and of the scaling, by the prefix of their findings
 OTHERS = {
     "scaled.": ("scaled", True, ""),
-    "square.": ("sigma the square of the width", False, _SQUARE),
-    "square-scaled.": ("scaled, sigma the square of the width", True, _SQUARE),
+    "square.": ("sigma the square of the width", False, SQUARE),
+    "square-scaled.": ("scaled, sigma the square of the width", True, SQUARE),
 }
 
 
@@ -257,16 +262,18 @@ def table1_readings(
     return found
 
 
-def median_findings(found: Mapping[str, ArrayLike]) -> dict[str, Finding]:
+def median_findings(
+    start: str, names: Iterable[str], runs: Iterable[ArrayLike]
+) -> dict[str, Finding]:
     """Return medians of runs with 95 % intervals of the medians: for a mean of many runs."""
     medians = {}
-    for name, values in found.items():
+    for name, values in zip(names, runs, strict=True):
         ordered = np.sort(np.asarray(values))
         low, high = stats.binom.ppf([0.025, 0.975], len(ordered), 0.5).astype(int)
         ends = ordered[low], ordered[min(high, len(ordered) - 1)]
-        how = f"Median over runs of {name}, with an interval of the median."
-        unit = "m" if name.rpartition(".")[2][0] == "r" else "m/s"
-        medians[f"median.{name}"] = Finding(float(np.median(ordered)), *ends, unit, how)
+        how = f"Median over runs of {start}.{name}, with an interval of the median."
+        unit = "m" if name[0] == "r" else "m/s"
+        medians[f"median.{start}.{name}"] = Finding(float(np.median(ordered)), *ends, unit, how)
     return medians
 
 
@@ -283,36 +290,23 @@ def bridge_otherwise(
     return found
 
 
-def claims_counted(cells: Mapping[str, Mapping[str, ArrayLike]]) -> dict[str, tuple[int, str]]:
-    """Return in how many columns the medians are as P1's sentences say, by name, and the words.
+def claims_counted(cells: Mapping[str, Mapping[str, ArrayLike]]) -> dict[str, int]:
+    """Return in how many columns the medians are as P1's sentences say, by name.
 
     Parameters
     ----------
     cells : mapping of str to mapping
         Those of `METHODS`, as `table3_cells` gives them.
     """
-    ins, bp, own = ({c: np.median(np.asarray(v)) for c, v in cells[m].items()} for m in METHODS)
-    of = "Columns of Table 3 in which the median error of LS-SVM is below"
-    first = "of the first outage in which the median error of LS-SVM is below that of BP, and this"
+    ins, bp, own = (dict(zip(COLUMNS, medians(cells[method]), strict=True)) for method in METHODS)
     ordered = [c for c in COLUMNS if own[c] < bp[c] < ins[c] and c[2] == "1"]
     return {
-        "lssvm-smallest": (
-            sum(bool(own[c] < min(ins[c], bp[c])) for c in COLUMNS),
-            f"{of} those of INS-only and of BP",
-        ),
-        "lssvm-below-ins": (sum(bool(own[c] < ins[c]) for c in COLUMNS), f"{of} that of INS-only"),
-        "lssvm-below-bp": (sum(bool(own[c] < bp[c]) for c in COLUMNS), f"{of} that of BP"),
-        "second-outage-halved": (
-            sum(bool(own[c] <= bp[c] / 2) for c in COLUMNS if c[2] == "2"),
-            "Columns of the second outage in which the median error of LS-SVM is at most half of "
-            "that of BP",
-        ),
-    } | {
-        f"first-outage.{part}-smallest": (
-            sum(c[0] == part[0].replace("p", "r") for c in ordered),
-            f"Columns of {part} {first} below that of INS-only",
-        )
-        for part in ("position", "velocity")
+        "lssvm-smallest": sum(bool(own[c] < min(ins[c], bp[c])) for c in COLUMNS),
+        "lssvm-below-ins": sum(bool(own[c] < ins[c]) for c in COLUMNS),
+        "lssvm-below-bp": sum(bool(own[c] < bp[c]) for c in COLUMNS),
+        "second-outage-halved": sum(bool(own[c] <= bp[c] / 2) for c in COLUMNS if c[2] == "2"),
+        "first-outage.position-smallest": sum(c[0] == "r" for c in ordered),
+        "first-outage.velocity-smallest": sum(c[0] == "v" for c in ordered),
     }
 
 
@@ -358,15 +352,11 @@ class Hypothesis(NamedTuple):
     score: Score
     number: float | None
 
-    def medians(self) -> Array:
-        """Return the medians of the cells over the runs."""
-        return np.array([np.median(values) for values in self.cells.values()])
-
 
 def score_rows(
     outages: BridgedOutages, passages: Mapping[str, Passage], printed: Mapping[str, ArrayLike]
 ) -> dict[tuple[str, str], Hypothesis]:
-    """Return hypotheses on the rows of BP and of LS-SVM in Table 3, by row and name.
+    """Return hypotheses on the rows of BP and of LS-SVM in Table 3, by row and name: nearest first.
 
     Parameters
     ----------
@@ -379,10 +369,8 @@ def score_rows(
 
     def scored(row: str, left: Left, number: float | None = None) -> Hypothesis:
         cells = table3_cells(left)
-        middle = [np.median(values) for values in cells.values()]
-        return Hypothesis(
-            cells, score_hypothesis(middle, printed[row], int(number is not None)), number
-        )
+        free = int(number is not None)
+        return Hypothesis(cells, score_hypothesis(medians(cells), printed[row], free), number)
 
     def fitted(row: str, name: str, bridged: Callable[[float], Left]) -> Hypothesis:
         best = tune(name, [*_FREE[name]], lambda v: scored(row, bridged(v)).score.spread).best
@@ -424,13 +412,14 @@ def score_rows(
     found |= {("BP", name): scored("BP", bridged(DummyRegressor(), **options))
               for name, options in means.items()}  # fmt: skip
     own = "as printed, each output from its own input, nothing scaled"
-    return found | {
+    found |= {
         ("LS-SVM", own): scored("LS-SVM", one_by_one()),
         ("LS-SVM", "no outage: the network itself"): scored("LS-SVM", fixes()),
         ("LS-SVM", RIDGE): fitted("LS-SVM", RIDGE, ridge),
         ("LS-SVM", SHARE): fitted("LS-SVM", SHARE, share),
         ("BP", SHARE): fitted("BP", SHARE, share),
     }
+    return dict(sorted(found.items(), key=lambda item: item[1].score.spread))
 
 
 _LAST = {"window": 1, "least": 1}
