@@ -50,9 +50,12 @@ class Sweep:
             self.truth, settings, runs=self.draws, seed=self.outages.seed + 1000
         )
 
-    def lssvm(self, believed: FilterSettings, **changes: Any) -> VehicleHybrid:
-        """Return P3's method, some of whose options are changed."""
-        return VehicleHybrid(believed, SelectedLSSVM(), **(self.outages.learning | changes))
+    def hybrid(
+        self, believed: FilterSettings, regressor: Any = None, **changes: Any
+    ) -> VehicleHybrid:
+        """Return P3's method, or that with another regressor, with some options changed."""
+        learner = SelectedLSSVM() if regressor is None else regressor
+        return VehicleHybrid(believed, learner, **(self.outages.learning | changes))
 
     def run(
         self,
