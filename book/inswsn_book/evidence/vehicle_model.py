@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,12 +19,23 @@ from inswsn_book.evidence.p3_equations import (
     error_dynamics,
     gps_rows,
     lateral_row,
+    sequential_update,
 )
 from inswsn_lib.checks import Array
 from inswsn_lib.evaluation import normalised_squares
 from inswsn_lib.inertial import metres
+from inswsn_lib.navigation import VehicleOutages
+from inswsn_lib.navigation.vehicle_outages import OUTAGE
 from inswsn_lib.simulation import Drive, Truth
-from inswsn_lib.vehicle import FilterSettings, VehicleRun, VehicleState, align, navigation_error
+from inswsn_lib.vehicle import (
+    FilterSettings,
+    VehicleRun,
+    VehicleState,
+    align,
+    navigation_error,
+    replay,
+    run_vehicle_filter,
+)
 
 _SIZES = np.repeat([1.0, 0.1, 3e-3, 0.3, 3e-3], 3)  # m, m/s, rad, m/s^2, rad/s
 _DEGREES = np.array([np.rad2deg(1.0), np.rad2deg(1.0), 1.0])
@@ -88,6 +100,13 @@ def model_differences(moment: Moment, step: float) -> dict[str, float]:
         },
     }
     return {name: _row_difference(*pair, moment.metres) for name, pair in pairs.items()}
+
+
+def largest_differences(truth: Truth, step: float) -> dict[str, float]:
+    """Return the largest `model_differences` of the places of a drive."""
+    moments = (Moment.of(truth, place.start + 20) for place in truth.places)
+    each = [model_differences(moment, step) for moment in moments]
+    return {name: max(found[name] for found in each) for name in each[0]}
 
 
 def numeric_dynamics(moment: Moment) -> Array:
@@ -201,6 +220,68 @@ def run_pyins(drive: Drive, believed: FilterSettings, last: int, step: float) ->
         time_step=step,
     )
     return np.asarray(found.trajectory[LLA_COLS].to_numpy()[:: drive.samples_per_epoch] / _DEGREES)
+
+
+class Epoch:
+    """What a filter knows at an epoch of some drives, and the eight measurements of it.
+
+    Attributes
+    ----------
+    prior : tuple of ndarray, (runs, 15) and (runs, 15, 15)
+        The estimate before the measurements, and its covariance.
+    """
+
+    def __init__(self, drive: Drive, believed: FilterSettings, epoch: int) -> None:
+        run = run_vehicle_filter(drive, believed, last=epoch)
+        states, innovation = run.states, run.innovations[epoch].T
+        now = states.position[epoch], states.velocity[epoch], states.attitude[epoch]
+        none = np.zeros(3)  # the rows do not ask what the sensors feel
+        self._rows = np.array([Moment(*each, none, none).rows for each in zip(*now, strict=True)])
+        self._innovation, self._used = np.nan_to_num(innovation), ~np.isnan(innovation)
+        gps = (believed.gps_position / metres(now[0][0])) ** 2, [believed.gps_velocity**2] * 3
+        self._noise = np.concatenate([[believed.compass**2, believed.lateral**2], *gps])
+        self.prior = np.zeros((len(self._rows), 15)), states.covariance[epoch - 1]
+
+    def updated(self, x: Array, P: Array, part: slice, without: slice = slice(0)) -> list[Array]:
+        """Return an estimate and its covariance after some measurements, some of them left out."""
+        used = self._used.copy()
+        used[:, without] = False
+        rows, noise = self._rows[:, part], self._noise[part]
+        return [*sequential_update(x, P, self._innovation[:, part], rows, noise, used[:, part])[:2]]
+
+    def apart(self, one: list[Array], other: list[Array]) -> float:
+        """Return the largest difference in standard deviations of the prior."""
+        size = np.sqrt(np.diagonal(self.prior[1], axis1=1, axis2=2))
+        sizes = size, size[:, :, None] * size[:, None, :]
+        parts = zip(one, other, sizes, strict=False)  # the estimate alone, or its covariance too
+        return max(float(np.abs((x - y) / s).max()) for x, y, s in parts)
+
+
+def variance_parts(outages: VehicleOutages) -> dict[str, Array]:
+    """Return the deviation of the position that the aided filter states at 40 s of an outage, m.
+
+    Of the outages and runs of the first route: the ``whole``, what ``noise`` within the outage
+    makes of it, what the noise of the ``gyros`` makes of that, and what is unknown at its
+    ``start``.
+    """
+    drive, starts, told = outages.drives[0], outages.starts[0], outages.beliefs
+    base = run_vehicle_filter(drive, told, last=max(starts))
+    silent = replace(told, gyro_noise=1e-12, gyro_walk=1e-12)
+    silent = replace(silent, accelerometer_noise=1e-12, accelerometer_walk=1e-12)
+
+    def deviation(believed: FilterSettings, scale: float) -> Array:
+        begun = replace(base.states, covariance=base.states.covariance * scale)
+        known = replace(base, states=begun)
+        end = replay(drive, believed, known, starts, OUTAGE, aiding=True).states
+        P = np.diagonal(end.covariance[-1], axis1=1, axis2=2)[:, :2]
+        return np.asarray(np.sqrt((P * metres(end.position[-1])[:, :2] ** 2).sum(axis=1)))
+
+    return {
+        "whole": deviation(told, 1.0),
+        "noise": deviation(told, 1e-9),
+        "gyros": deviation(replace(silent, gyro_noise=told.gyro_noise), 1e-9),
+        "start": deviation(silent, 1.0),
+    }
 
 
 def consistency(run: VehicleRun, drive: Drive) -> Mapping[str, tuple[Array, int]]:

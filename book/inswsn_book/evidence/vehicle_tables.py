@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -12,10 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from inswsn_book.evidence.outage_cells import WORDS, ByDrive
 from inswsn_book.legible import place_labels
 from inswsn_lib.checks import Array
-from inswsn_lib.evaluation import cluster_mean
+from inswsn_lib.evaluation import Finding, cluster_mean, cluster_median
 from inswsn_lib.inertial import metres
 from inswsn_lib.learning import RBFNetworkRegressor
 from inswsn_lib.navigation import RecordedTrials, VehicleOutages, outage_size
+from inswsn_lib.navigation.vehicle_hybrid import Machine
 from inswsn_lib.navigation.vehicle_outages import LONG, METHODS, OUTAGE
 from inswsn_lib.plotting import COLOURS, STROKES, figure, stroke
 from inswsn_lib.simulation import Truth
@@ -37,8 +39,6 @@ WHO = WORDS | {
 P3_METHODS = ("never", "until", "through", "lssvm", "rbf")
 #: Three places that are drawn, as P3 does
 DRAWN = (0, 4, 7)
-#: A geometric mean of ratios and the ends of its 95 % interval
-Factor = tuple[float, float, float]
 #: RMS and largest errors by method and span, as `VehicleOutages.sizes`
 Sizes = Mapping[tuple[str, str], tuple[Array, Array]]
 _STYLES = {
@@ -59,13 +59,14 @@ class Ratios:
     def __len__(self) -> int:
         return len(self._pairs)
 
-    def factor(self, one: Array, other: Array, clusters: ArrayLike) -> Factor:
-        """Return the geometric mean of the ratio of two errors, and its 95 % interval."""
+    def factor(self, one: Array, other: Array, clusters: ArrayLike, how: str) -> Finding:
+        """Return the geometric mean of the ratio of two errors, with its 95 % interval."""
         ratio = np.log(one / other)
         pair = ratio.ravel(), np.broadcast_to(clusters, ratio.shape).ravel()
         self._pairs[ratio.tobytes()] = pair
-        mean, low, high = np.exp(cluster_mean(*pair))
-        return float(mean), float(low), float(high)
+        mean, low, high = map(float, np.exp(cluster_mean(*pair)))
+        said = f"{how}; the geometric mean over the outages, with an interval by clusters."
+        return Finding(mean, low, high, "1", said)
 
     def apart(self, level: float) -> list[bool]:
         """Tell of each ratio whether an interval of a level excludes one."""
@@ -73,9 +74,9 @@ class Ratios:
         return [bool(low > 0 or high < 0) for low, high in ends]
 
 
-def written(factor: Factor) -> str:
+def written(factor: Finding) -> str:
     """Write a factor and its interval."""
-    return "{:.2f} ({:.2f} to {:.2f})".format(*factor)
+    return f"{factor.value:.2f} ({factor.low:.2f} to {factor.high:.2f})"
 
 
 def slug(name: str) -> str:
@@ -83,11 +84,40 @@ def slug(name: str) -> str:
     return name.replace(" ", "-")
 
 
+def share_of(held: Array, what: str, clusters: Array) -> Finding:
+    """Return the share of outages of which something holds of P3's method."""
+    mean, low, high = cluster_mean(held.ravel().astype(float), clusters.ravel())
+    how = f"The share of outages in which the proposed method has {what}"
+    return Finding(mean, low, high, "1", f"{how}; interval by clusters of place and route.")
+
+
+def spreads(drives: Mapping[str, ByDrive]) -> dict[str, Finding]:
+    """Return the medians over the drives with the ends of 95 % of the drives."""
+    return {
+        name: Finding.of_runs(values, unit, f"{how} Median over the drives.")
+        for name, (values, unit, how) in drives.items()
+    }
+
+
+def medians(drives: Mapping[str, ByDrive], outages: VehicleOutages) -> dict[str, Finding]:
+    """Return the medians over the drives, each with its own 95 % interval, by routes."""
+    routes = np.repeat(np.arange(outages.routes), outages.draws)
+    return {
+        name: Finding(
+            *cluster_median(values, routes, seed=outages.seed),
+            unit,
+            f"{how} Median over the drives; interval by routes.",
+        )
+        for name, (values, unit, how) in drives.items()
+    }
+
+
 def gains_by_drive(outages: VehicleOutages) -> dict[str, ByDrive]:
     """Return by how much methods are below the filter that is never aided, and the growths.
 
     Those of P3's method, of its rivals, and of the LS-SVM and the network as they learn from
-    simulated outages of 10 s and 20 s (``tau10.``, ``tau20.``).
+    simulated outages of 10 s and 20 s (``tau10.``, ``tau20.``); the network on ramps that it has
+    not seen, and the yaw.
     """
     found = {
         f"sim.40.gain.{name}-never.rms": _gain_over_never(outages, method, words)
@@ -130,7 +160,14 @@ def gains_by_drive(outages: VehicleOutages) -> dict[str, ByDrive]:
             "ratio.rbf-growth": _growth(outages, rbf, "RBF network"),
         }
         found |= {f"{prefix}{name}": each for name, each in rivals.items()}
-    return found
+    how = "RMS error of the RBF network on whole ramps that it has not seen, over that of"
+    how = f"{how} predicting zero."
+    found["rbf.validation-over-zero"] = ByDrive(unseen_ramps(outages), "1", how)
+    with_compass, without = (yaw_rms(outages, name) for name in ("through", "until"))
+    how = "RMS yaw error at 40 s of the outage with the compass over that"
+    growth, ratio = with_compass[OUTAGE] / with_compass[5], with_compass[OUTAGE] / without[OUTAGE]
+    found["yaw.growth"] = ByDrive(growth, "1", f"{how} at 5 s.")
+    return found | {"yaw.ratio": ByDrive(ratio, "1", f"{how} without.")}
 
 
 def _gain_over_never(outages: VehicleOutages, method: str, words: str) -> ByDrive:
@@ -212,18 +249,16 @@ def lssvm_residual(outages: VehicleOutages) -> float:
     return float(max(rows, np.abs(svm.alpha_.sum(axis=0)).max()) / np.abs(y).max())
 
 
+def machines(outages: VehicleOutages, method: str) -> list[Machine]:
+    """Return what learned for each outage and run."""
+    return [m for trials in outages.trials for m in trials.bridges[method].machines]
+
+
 def selected_at_an_end(outages: VehicleOutages) -> float:
     """Return the share of outages in which leave-one-out chooses an end of the candidates."""
-    chosen = [
-        machine.regressor.selection_
-        for trials in outages.trials
-        for machine in trials.bridges["lssvm"].machines
-    ]
-    return float(
-        np.mean(
-            [c.sigma in c.sigmas[[0, -1]] or c.eta in c.etas[[0, -1]] for c in chosen],
-        )
-    )
+    chosen = [machine.regressor.selection_ for machine in machines(outages, "lssvm")]
+    ends = [c.sigma in c.sigmas[[0, -1]] or c.eta in c.etas[[0, -1]] for c in chosen]
+    return float(np.mean(ends))
 
 
 def ramp_ends(outages: VehicleOutages) -> Array:
@@ -249,7 +284,7 @@ def yaw_rms(outages: VehicleOutages, method: str) -> Array:
     return np.asarray(np.sqrt((np.concatenate(parts, axis=2) ** 2).mean(axis=1)))
 
 
-def methods_table(sizes: Sizes, factors: Mapping[str, Factor]) -> pd.DataFrame:
+def methods_table(sizes: Sizes, factors: Mapping[str, Finding]) -> pd.DataFrame:
     """Return the errors of all methods, median / mean over the outages."""
     rows = {}
     for name, label in METHODS.items():
@@ -282,10 +317,68 @@ def range_ends(sizes: Sizes, method: str) -> Array:
     return np.array([np.median(end) for pair in spread for end in pair])
 
 
-def recorded_table(sizes: Sizes, factors: Mapping[str, Factor], methods: list[str]) -> pd.DataFrame:
+def reading_scores(
+    ranges: Mapping[str, Array], printed: Mapping[str, list[str]]
+) -> dict[tuple[str, str], float]:
+    """Return by what factor readings of (KF, proposed) are off P3's ranges, the nearest first.
+
+    Each filter may be the KF, and each of three methods the proposed one. A score is the mean size
+    of the logarithm of rebuilt over printed of the eight ends.
+    """
+    kinds = "kf_rms", "kf_max", "proposed_rms", "proposed_max"
+    ends = np.array([float(end) for kind in kinds for end in printed[kind]])
+    scores = {}
+    for kf, proposed in product(("never", "until", "through"), ("through", "lssvm", "on never")):
+        if kf != proposed:
+            off = np.log(np.concatenate([ranges[kf], ranges[proposed]]) / ends)
+            scores[kf, proposed] = float(np.exp(np.abs(off).mean()))
+    return dict(sorted(scores.items(), key=lambda score: score[1]))
+
+
+def readings_table(
+    ranges: Mapping[str, Array], scores: Mapping[tuple[str, str], float]
+) -> pd.DataFrame:
+    """Return the readings of P3's two methods with their scores and ranges."""
+    spans = {n: [f"{x[i]:.0f}–{x[i + 1]:.0f}" for i in (0, 2)] for n, x in ranges.items()}
+    rows = [
+        [METHODS[proposed], f"{score:.2f}", *spans[kf], *spans[proposed]]
+        for (kf, proposed), score in scores.items()
+    ]
+    sizes = [f"{who} {what} (m)" for who in ("KF", "proposed") for what in ("RMS", "max")]
+    index = pd.Index([METHODS[kf] for kf, _ in scores], name="KF is")
+    return pd.DataFrame(rows, index, ["proposed is", "off by a factor", *sizes])
+
+
+def recorded_factors(trials: RecordedTrials, ratios: Ratios) -> dict[str, Finding]:
+    """Return the factors over the filter that is aided through the outage, by blocks of two.
+
+    And, as ``through-never``, that of aiding.
+    """
+    rms = {name: outage_size(error, 1, OUTAGE)[0] for name, error in trials.errors.items()}
+    blocks = np.arange(len(trials.starts))[:, None] // 2
+    on = "RMS error in 40 s on the recorded drive"
+    found = {
+        name: ratios.factor(
+            one, rms["through"], blocks, f"{on}, {WHO[name]}, over that of {WHO['through']}"
+        )
+        for name, one in rms.items()
+        if name != "through"
+    }
+    how = f"{on}, {WHO['through']} over the one that is never aided"
+    gain = ratios.factor(rms["through"], rms["never"], blocks, how)
+    return found | {"through-never": gain}
+
+
+def trials_apart(one: RecordedTrials, other: RecordedTrials) -> float:
+    """Return by how much errors of the filters and of the last difference differ at most, m."""
+    names = "never", "until", "through", "hold"
+    return max(float(np.abs(one.errors[n] - other.errors[n]).max()) for n in names)
+
+
+def recorded_table(sizes: Sizes, factors: Mapping[str, Finding]) -> pd.DataFrame:
     """Return the errors on the recorded drive, medians over outages and draws."""
     rows = {}
-    for name in methods:
+    for name in (name for name in METHODS if (name, "40") in sizes):
         (near, top), (far, most) = sizes[name, "40"], sizes[name, "50"]
         rows[METHODS[name]] = (
             f"{np.median(near):.1f} / {np.median(top):.1f}",
@@ -348,6 +441,15 @@ def draw_errors(panels: Mapping[str, Mapping[str, Array]]) -> Figure:
     found = axes[0, 0].get_legend_handles_labels()
     fig.legend(*found, loc="outside lower center", ncols=5, columnspacing=1, handlelength=2.5)
     return fig
+
+
+def said_of(panels: Mapping[str, Mapping[str, Array]]) -> str:
+    """Say of each title and method the error at the end."""
+    ends = {
+        title: ", ".join(f"{METHODS[name]} {x[LONG]:.0f}" for name, x in errors.items())
+        for title, errors in panels.items()
+    }
+    return "; ".join(f"{title}: {said}" for title, said in ends.items())
 
 
 def ramp_errors(outages: VehicleOutages) -> tuple[Array, Array]:
