@@ -272,7 +272,8 @@ def hinfinity_hypotheses(
         return found
 
     def from_zero(a: str) -> Array:
-        return ins[a] - np.concatenate([0 * y[a][:1], (areas.identity[a].A @ y[a])[:-1]])
+        carried = (areas.identity[a].A @ y[a])[:-1]
+        return np.asarray(ins[a] - np.concatenate([0 * y[a][:1], carried]))
 
     def rate(errors: ByArea, free: int) -> Score:
         """Score a hypothesis; the velocity noise is one more number that was chosen."""

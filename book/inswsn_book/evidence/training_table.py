@@ -93,15 +93,15 @@ def table_of_methods(
 
 
 def table_of_reductions(
-    stated: Mapping[str, str], printed: pd.DataFrame, reductions: Mapping[str, Finding]
+    stated: Mapping[str, str],
+    printed: Mapping[str, Mapping[str, float]],
+    reductions: Mapping[str, Finding],
 ) -> pd.DataFrame:
     """Return the reductions from KF to HF in area 1 as stated, as printed, and as rebuilt."""
-    hf, kf = ([float(printed.loc[row, c + "1"]) for c in AXES] for row in ("HF", "KF"))
+    shares = [1 - printed["HF"][c + "1"] / printed["KF"][c + "1"] for c in AXES]
     rows = {
         "stated in the text": [f"{stated[c]} %" for c in AXES],
-        "from the printed Table 2": [
-            f"{100 * (1 - h / k):.1f} %" for h, k in zip(hf, kf, strict=True)
-        ],
+        "from the printed Table 2": [f"{100 * share:.1f} %" for share in shares],
     } | {
         f"rebuilt, {label}": [f"{reductions[f'{prefix}percent.{c}'].value:.0f} %" for c in AXES]
         for prefix, (label, *_) in RIVALS.items()
@@ -182,7 +182,7 @@ def count_orderings(cells: Mapping[str, ByArea]) -> dict[tuple[str, str], int]:
     cells : mapping
         As in `reduce_errors`, and of ``ins``.
     """
-    found = {}
+    found: dict[tuple[str, str], int] = {}
     middle = {m: {c: float(np.median(v)) for c, v in of.items()} for m, of in cells.items()}
     i, second = middle["ins"], [c for c in COLUMNS if c[2] == "2"]
     for prefix, (_, kf, hf) in RIVALS.items():
