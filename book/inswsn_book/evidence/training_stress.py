@@ -160,20 +160,12 @@ def rises(stressed: Stressed) -> dict[str, float]:
     They are geometric means over cases, position and velocity.
     """
     worse = [case for case in NAMED_FIRST if case != "network 3 times more precise"]
-    return {
-        name: float(
-            np.exp(
-                np.mean(
-                    [
-                        np.log(stressed[case, part][name] / stressed[UNDISTURBED, part][name])
-                        for case in worse
-                        for part in PARTS
-                    ]
-                )
-            )
-        )
-        for name in stressed[UNDISTURBED, "position"]
+    start = {part: stressed[UNDISTURBED, part] for part in PARTS}
+    logs = {
+        name: [np.log(stressed[c, part][name] / start[part][name]) for c in worse for part in PARTS]
+        for name in start["position"]
     }
+    return {name: float(np.exp(np.mean(each))) for name, each in logs.items()}
 
 
 def robust_numbers(stressed: Stressed) -> dict[str, float]:
