@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import pandas as pd
 
 from inswsn_lib.checks import Array
 from inswsn_lib.filters import design_kalman
@@ -68,12 +69,15 @@ class FilterMap:
     contest: FilterContest
     runs: int = 128
 
-    def table(self) -> Iterator[tuple[str, float, str, float, float]]:
-        """Yield ground, size, filter, and the errors of position and velocity, of the whole map."""
+    def table(self) -> dict[tuple[str, str], pd.DataFrame]:
+        """Return the errors of filters over sizes, by ground and part, of the whole map."""
+        found = {}
         for ground, sizes in GROUNDS.items():
-            for size in sizes:
-                for name, errors in self.errors(ground, size).items():
-                    yield ground, size, name, *errors
+            at = {size: self.errors(ground, size) for size in sizes}
+            for k, part in enumerate(PARTS):
+                rows = {x: {name: each[k] for name, each in of.items()} for x, of in at.items()}
+                found[ground, part] = pd.DataFrame.from_dict(rows, orient="index")
+        return found
 
     def errors(self, ground: str, size: float) -> dict[str, Errors]:
         """Return RMS errors of position and velocity over the network's, means of both areas.
@@ -185,7 +189,7 @@ class FilterMap:
         designs = {g: self.contest.designs("exact", models, g) for g in (margin, 0.01)}
         gains: dict[str, dict[str, Array]] = {
             "network": {a: matched[a].A for a in AREAS},
-            "kalman": {a: _last_gain(m) for a, m in self.contest.kalman_models(q, own).items()},
+            "kalman": {a: last_gain(m) for a, m in self.contest.kalman_models(q, own).items()},
             "hf": {a: design.gain for a, design in designs[margin].items()},
             "hf-least": {a: design.gain for a, design in designs[0.01].items()},
         }
@@ -199,7 +203,7 @@ class FilterMap:
         return found
 
 
-def _last_gain(model: ErrorModel) -> Array:
+def last_gain(model: ErrorModel) -> Array:
     """Return the gain of the Kalman predictor at the end of an area."""
     there = np.ones((100, len(model.C)), dtype=bool)
     return np.asarray(model.A @ design_kalman(model, there, initial_covariance=UNKNOWN).gains[-1])

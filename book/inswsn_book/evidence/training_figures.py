@@ -46,9 +46,10 @@ LASTING_LOOKS: dict[str, tuple[dict[str, Any], str]] = {
 }
 
 
-def draw_scene(scene: Scene, inside: Mapping[str, Array], whole: Array) -> Figure:
+def draw_scene(scene: Scene, inside: Mapping[str, Array]) -> Figure:
     """Draw the path, the nodes of the areas, and where there are fixes and outages."""
     fig, ax = figure(height=4.6)
+    whole = inside["path"]
     ax.plot(*whole.T, lw=1, label="path", **stroke("truth"))
     for number in "12":
         first, nodes = number == "1", scene.nodes[f"area{number}"]
@@ -95,8 +96,8 @@ def draw_lasting(
     recorded: Mapping[tuple[str, str], float],
     correlation: Array,
     fits: Sequence[tuple[float, float]],
-) -> Figure:
-    """Draw position errors over correlation times, and the autocorrelation of recorded fixes."""
+) -> tuple[Figure, str]:
+    """Draw position errors over correlation times, and the correlation of recorded fixes; tell."""
     times = sorted({time for time, _ in shares})
     places, period = np.arange(len(times)), 0.2
     fig, (ax, right) = figure(1, 2, height=4.8, width_ratios=(1.5, 1))
@@ -125,7 +126,18 @@ def draw_lasting(
     right.axhline(0, color=COLOURS["published"], lw=0.6)
     right.set(xlabel="lag (s)", title="autocorrelation of fix errors", ylim=(-0.1, 1))
     right.legend(fontsize=9)
-    return fig
+    words = [
+        f"{name}: "
+        + ", ".join(f"{shares[t, name]:.2f} at {t:g} s" for t in times)
+        + (f", with recorded errors {recorded['recorded', name]:.2f}" if mark else "")
+        for name, (_, mark) in LASTING_LOOKS.items()
+    ]
+    told = ", ".join(
+        f"{correlation[lag, i]:.2f} in {axis} at {period * (lag + 1):.1f} s"
+        for lag in (0, 4)
+        for i, axis in enumerate("xy")
+    )
+    return fig, "; ".join(words) + f". Right: autocorrelation of recorded errors, {told}."
 
 
 def draw_map(at: Mapping[tuple[str, str], pd.DataFrame]) -> tuple[Figure, str]:

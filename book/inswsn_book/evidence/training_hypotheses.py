@@ -7,14 +7,21 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
+import pandas as pd
 
 from inswsn_book.evidence.drift_family import Correction, DriftFamily, fit_drifts
 from inswsn_lib.checks import Array
-from inswsn_lib.evaluation import Prediction, tune
+from inswsn_lib.evaluation import Prediction, Score, score_hypothesis, tune
 from inswsn_lib.filters import design_kalman, run_kalman
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation.filter_contest import Estimator, kalman
-from inswsn_lib.navigation.training_areas import AREAS, TrainingAreas, noise_sizes
+from inswsn_lib.navigation.training_areas import (
+    AREAS,
+    ByArea,
+    TrainingAreas,
+    noise_sizes,
+    table2_cells,
+)
 from inswsn_lib.papers import COLUMNS
 
 #: An axis in an area and the outage after it
@@ -23,6 +30,15 @@ PASSAGES = ("x1", "x2", "y1", "y2")
 DEGREES = (3, 5)
 SET_TO_ZERO = "$Q = R = P_0 = I$, state set to zero, INS never corrected"
 STARTS = 200
+#: Hypotheses of which the text tells, by the names of their numbers
+TOLD = {
+    "zero": SET_TO_ZERO,
+    "one-step": "the same, carried one step",
+    "q": "the same, $Q = qI$",
+    "diagonal": "the same, diagonal of the last gain alone",
+    "share": "a share of INS-only",
+    "large-r": "$R$ larger than matched by a factor",
+}
 _UNIT = np.eye(4)
 _Models = Mapping[str, ErrorModel]
 
@@ -195,6 +211,118 @@ class RowPredictions:
         # from passages, drifts, kinds to the order of the columns
         cells = np.moveaxis(np.array(drawn), 2, 0).reshape(len(COLUMNS), -1)
         return Prediction(cells / np.array([self.row[c] for c in COLUMNS])[:, None])
+
+
+Predicted = Mapping[str, tuple[float | None, dict[int, Prediction]]]
+
+
+def plainly(name: str) -> str:
+    """Return the name of a hypothesis without the signs of formulas."""
+    return name.replace("$", "").replace("P_0", "P₀")
+
+
+def table_of_predictions(predicted: Predicted) -> pd.DataFrame:
+    """Return how the hypotheses of `RowPredictions` do, the best by cubics first."""
+    rows = {}
+    for name, (number, by_degree) in predicted.items():
+        rows[name] = {"free number": "–" if number is None else f"{number:.2g}"}
+        for family, each in zip(("cubic", "degree 5"), by_degree.values(), strict=True):
+            rows[name] |= {
+                f"cells in the interval, {family}": f"{each.inside} of 8",
+                f"width, {family}": f"{each.width:.2f}",
+                f"score, {family}": f"{each.score:.3f}",
+            }
+    ranked = sorted(predicted, key=lambda name: predicted[name][1][DEGREES[0]].score)
+    return pd.DataFrame.from_dict(rows, orient="index").loc[ranked].rename_axis("hypothesis")
+
+
+def score_without(prediction: Prediction, column: str) -> float:
+    """Return the mean score of all printed cells but one."""
+    return float(np.delete(prediction.scores, COLUMNS.index(column)).mean())
+
+
+def hinfinity_hypotheses(
+    areas: TrainingAreas, printed: Mapping[str, float]
+) -> dict[str, tuple[str, Score]]:
+    """Return what P1's H-infinity filter may have been fed: a fitted number, and the score.
+
+    Parameters
+    ----------
+    areas : TrainingAreas
+    printed : mapping
+        The printed cells of HF, by column of Table 2.
+    """
+    ins, wsn, scene = areas.drawn["ins"], areas.drawn["wsn"], areas.scene
+    y = {a: ins[a] - wsn[a] for a in AREAS}
+    one_second = ErrorModel.p1(1.0).A
+    velocity = {
+        a: scene.path.drive(scene.speed, scene.windows[f"area{a}"].times).velocity[:, :, None]
+        for a in AREAS
+    }
+    offset = np.random.default_rng([areas.seed, 3]).standard_normal((2, areas.runs))
+
+    def fed(change: Callable[[str, Array], Array]) -> ByArea:
+        """Return errors of the published filter with changed positions of the fixes."""
+        found = {}
+        for a in AREAS:
+            fixes = wsn[a].copy()
+            fixes[:, :2] = change(a, fixes[:, :2])
+            estimate = areas.estimate("hf-printed-predicted", a, ins[a] - fixes)
+            found[a] = (ins[a] - estimate)[1:]
+        return found
+
+    def from_zero(a: str) -> Array:
+        carried = (areas.identity[a].A @ y[a])[:-1]
+        return np.asarray(ins[a] - np.concatenate([0 * y[a][:1], carried]))
+
+    def rate(errors: ByArea, free: int) -> Score:
+        """Score a hypothesis; the velocity noise is one more number that was chosen."""
+        cells = table2_cells(errors)
+        middle = [float(np.median(cells[c])) for c in COLUMNS]
+        return score_hypothesis(middle, [printed[c] for c in COLUMNS], free + 1)
+
+    fixed = {
+        "printed matrices, predicted": areas.errors("hf-printed-predicted"),
+        "printed matrices, filtered": areas.errors("hf-printed-filtered"),
+        "the same, from a zero state, first step kept": {a: from_zero(a) for a in AREAS},
+        "exact LMI, identities, predicted": areas.errors("hf-exact-identity-predicted"),
+        "measurement one step late, not carried": {a: ins[a][1:] - y[a][:-1] for a in AREAS},
+        "carried by $T = 1$ s": {a: ins[a][1:] - (one_second @ y[a])[:-1] for a in AREAS},
+    }
+    fitted: dict[str, tuple[Array, Callable[[float], ByArea]]] = {
+        "fixes that are late (s)": (
+            np.linspace(0, 0.4, 41),
+            lambda late: fed(lambda a, p: p - late * velocity[a]),
+        ),
+        "fixes worse by a factor": (
+            np.linspace(1, 8, 36),
+            lambda factor: fed(lambda _, p: factor * p),
+        ),
+        "fixes with a constant offset (m, 1 sigma)": (
+            np.linspace(0, 1.5, 31),
+            lambda size: fed(lambda _, p: p + size * offset),
+        ),
+    }
+    found = {name: ("–", rate(errors, 0)) for name, errors in fixed.items()}
+    for name, (numbers, build) in fitted.items():
+        scores = {number: rate(build(number), 1) for number in numbers}
+        best = min(scores, key=lambda number: scores[number].spread)
+        found[name] = f"{best:.2g}", scores[best]
+    return found
+
+
+def table_of_scores(scores: Mapping[str, tuple[str, Score]]) -> pd.DataFrame:
+    """Return rebuilt over printed cells by hypothesis, from `hinfinity_hypotheses`."""
+    rows = {
+        name: {"fitted": number, "met": f"{score.met}"}
+        | {
+            f"${c[0]}_{c[1]}$ {c[2]}": f"{r:.2f}"
+            for c, r in zip(COLUMNS, score.ratios, strict=True)
+        }
+        | {"spread": f"{score.spread:.2f}"}
+        for name, (number, score) in scores.items()
+    }
+    return pd.DataFrame.from_dict(rows, orient="index").rename_axis("hypothesis")
 
 
 def _fixed(estimate: Estimator, first: int = 0) -> Hypothesis:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Collection, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,37 +19,105 @@ from inswsn_lib.simulation import Scene, nodes_heard, position_covariance
 Cell = tuple[str, str]
 
 
-def fix_variances(scene: Scene, area: str, nodes: Array) -> tuple[Array, Array]:
-    """Return the nodes heard at each sample of an area, and the variance of each fix, m^2.
+class Refit(NamedTuple):
+    """The INS-only cells that a fit gives: as they are, over the printed ones, and what is left."""
 
-    The variance is that of both components; NaN where fewer than three nodes are heard.
+    cells: dict[Cell, float]
+    over_printed: dict[Cell, float]
+    residual: float
+
+
+def places(scene: Scene) -> dict[str, Array]:
+    """Return positions by window, and at 800 times of the whole ``path``, m."""
+    whole = np.linspace(0, scene.path.length / scene.speed, 800)
+    times = {name: window.times for name, window in scene.windows.items()} | {"path": whole}
+    return {name: scene.path.drive(scene.speed, each).position for name, each in times.items()}
+
+
+def scene_numbers(scene: Scene) -> dict[str, float]:
+    """Return the numbers of the scene that P1 prints, and those of its timeline, by quantity."""
+    inside, (side1, side2), reach = places(scene), scene.area_sizes, scene.ranging.reach
+    path, nodes = inside["path"], scene.nodes["area1"]
+    return {
+        "scene.outside": np.maximum(np.maximum(-path, path - scene.size), 0).max(),
+        "scene.start-distance": np.hypot(*path[0] - [650, 0]),
+        "scene.end-distance": np.round(np.hypot(*path[-1] - [130, 400]), 6),
+        "scene.area1-side": side1,
+        "scene.area2-side": side2,
+        "scene.jitter1": -scene.jitter[0],
+        "scene.jitter2": scene.jitter[1],
+        "scene.spacing": scene.spacing,
+        "scene.reach": reach,
+        "scene.training-samples": scene.training_samples,
+        "scene.velocity-noise": scene.velocity_noise,
+        "timeline.text.way2": side1,
+        "timeline.matrices.way2": side1 * scene.periods[1] / scene.periods[0],
+        "timeline.diagonal2": side2 * 2**0.5,
+        "timeline.heard1": sum(len(nodes_heard(nodes, p, reach)) >= 3 for p in inside["outage1"]),
+    }
+
+
+def fix_variances(scene: Scene, every: int = 1) -> tuple[Array, Array]:
+    """Return the nodes heard at each sample of both areas, and the variance of each fix, m^2.
+
+    The variance is that of both components; NaN where fewer than three nodes are heard. The grid
+    of nodes may be wider, with every second one in each direction.
     """
-    path = scene.path.drive(scene.speed, scene.windows[f"area{area}"].times).position
-    heard = [nodes_heard(nodes, p, scene.ranging.reach) for p in path]
-    variance = [
-        np.trace(position_covariance(near, p, scene.ranging.noise)) if len(near) >= 3 else np.nan
-        for near, p in zip(heard, path, strict=True)
-    ]
-    return np.array([len(near) for near in heard]), np.array(variance)
+    inside, heard, variance = places(scene), [], []
+    for area in (f"area{a}" for a in AREAS):
+        nodes = scene.nodes[area]
+        steps = np.round((nodes - nodes.min(axis=0)) / scene.spacing)
+        kept = nodes[(steps % every == 0).all(axis=1)]
+        for place in inside[area]:
+            near = nodes_heard(kept, place, scene.ranging.reach)
+            known = len(near) >= 3
+            covariance = position_covariance(near, place, scene.ranging.noise) if known else np.nan
+            heard.append(len(near))
+            variance.append(np.trace(np.atleast_2d(covariance)))
+    return np.array(heard), np.array(variance)
 
 
-def every_other(nodes: Array, spacing: float) -> Array:
-    """Return the nodes of a grid that is twice as wide."""
-    steps = np.round((nodes - nodes.min(axis=0)) / spacing)
-    return np.asarray(nodes[(steps % 2 == 0).all(axis=1)])
+def refit(
+    settings: Mapping[str, Setting],
+    fitted: Mapping[str, Setting],
+    printed: Mapping[Cell, float],
+    without: Collection[Cell] = (),
+) -> Refit:
+    """Return the INS-only cells of P1 with these fitted errors and no sensor noise.
 
-
-def ins_cells(settings: Mapping[str, Setting], fitted: Mapping[str, Setting]) -> dict[Cell, float]:
-    """Return the sixteen INS-only cells of P1 with these fitted errors and no sensor noise."""
+    The residual is the root mean square of the logarithms, without some cells.
+    """
     silent: dict[str, Any] = {"accelerometer_noise": 0.0, "gyro_noise": 0.0, "jitter": [0.0, 0.0]}
     scene = from_settings(Scene, with_values({**settings, **fitted}, **silent))
     errors = scene.simulate(np.random.default_rng(0), 1)
-    return {
+    cells = {
         (window, axis): float(value)
         for window in scene.windows
         for axis, value in zip(
             AXES, mean_absolute_error(errors[f"ins.{window}"])[:, 0], strict=True
         )
+    }
+    ratios = {cell: cells[cell] / printed[cell] for cell in printed}
+    left = root_mean_square(np.array([np.log(r) for c, r in ratios.items() if c not in without]))
+    return Refit(cells, ratios, left)
+
+
+def ins_numbers(scene: Scene, without: Refit, every: Refit) -> dict[str, float]:
+    """Return what the fits without the suspect cells and to all of them gave, by quantity."""
+    errors = scene.inertial
+    heading = errors.heading + errors.gyro_bias * scene.windows["area2"].end
+    return {
+        "calibration.without.residual": without.residual,
+        "calibration.with.residual": every.residual,
+        "calibration.vy2": without.cells["area2", "vy"],
+        "calibration.vx2": without.cells["area2", "vx"],
+        "calibration.ry1-ratio": without.over_printed["area1", "ry"],
+        "calibration.vy1-ratio": without.over_printed["area1", "vy"],
+        "ins.gyro-bias": np.degrees(abs(errors.gyro_bias)),
+        "ins.accelerometer-bias": 1000 * np.mean(np.abs(errors.accelerometer_bias)) / 9.81,
+        "ins.heading": abs(np.degrees(heading)),
+        "gyros.one-axis": gyroscopes_needed(1),
+        "gyros.two-axis": gyroscopes_needed(2),
     }
 
 
@@ -89,6 +157,39 @@ def velocity_factors(areas: TrainingAreas) -> ByArea:
         fast = (np.abs(velocity) > 0.3 * np.abs(velocity).mean()).all(axis=1)
         found[a] = change[fast] / velocity[fast]
     return found
+
+
+def model_numbers(areas: TrainingAreas, factors: ByArea) -> dict[str, tuple[float, int]]:
+    """Return how far what is simulated is from the model, and of how many runs, by quantity.
+
+    Parameters
+    ----------
+    areas : TrainingAreas
+    factors : dict
+        From `velocity_factors`.
+    """
+    drawn, noise, jitter = areas.drawn, areas.noise, areas.scene.jitter
+    sizes = dict(zip(AREAS, jitter, strict=True))
+    off, shift, measured, deviations = [], [], [], []
+    for a in AREAS:
+        ins, network, C = drawn["ins"][a], drawn["wsn"][a], areas.models[a].C
+        off.append(abs(factors[a].std(axis=1).mean() / sizes[a] - 1))
+        shift.append(1000 * np.abs(ins[:, 2:]).mean(axis=(0, 2)).max() * sizes[a])
+        measured.append(np.nanmax(np.abs(C @ ins - network - (ins - network))))
+        ours = np.nanmean(network**2, axis=(0, 2)) / np.diag(noise[a].measurement)
+        deviations.append(np.abs(ours - 1).max())
+    compact, stacked = step_differences(areas)
+    return {
+        "model.step-residual": (step_residual(areas), areas.runs),
+        # E beta = 0: the mean factor of (2.2) is (T + delta t) E beta = 0, and that of (2.3) is T
+        "model.mean-difference": (1.0, 1),
+        "model.jitter-deviation": (max(off), areas.other_runs),
+        "model.compact-difference": (compact, 1),
+        "model.stacked-difference": (stacked, 1),
+        "model.measurement-difference": (max(measured), 1),
+        "model.noise-deviation": (max(deviations), areas.runs),
+        "jitter.shift": (max(shift), areas.runs),
+    }
 
 
 def step_differences(areas: TrainingAreas) -> tuple[float, float]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from inswsn_book.evidence.training_table import with_recorded
 from inswsn_lib.checks import Array
@@ -57,7 +58,18 @@ DRIFT = (
     "acceleration error of 3 m/s²",
     "velocity of the INS jumps by 1 m/s",
 )
+NAMED_FIRST = (*NOISE, *FIRST_DRIFT)
+BROKEN = (*NOISE, *DRIFT, *LASTING)
+UNDISTURBED = "as assumed"
+PUBLISHED, MATCHED = "HF, published", "Kalman, matched"
 Drawn = Mapping[str, ByArea]
+#: RMS errors by case and part, then by filter, from `stress`
+Stressed = Mapping[tuple[str, str], Mapping[str, float]]
+
+
+def slug(name: str) -> str:
+    """Return the name of a filter as it stands in those of quantities."""
+    return name.lower().replace(",", "").replace(" ", "-")
 
 
 def rms_by_part(errors: ByArea) -> dict[str, float]:
@@ -68,6 +80,28 @@ def rms_by_part(errors: ByArea) -> dict[str, float]:
     }
 
 
+def table_of_tuned(contest: FilterContest) -> pd.DataFrame:
+    """Return the tuned filters on equal terms: errors, loss, and the two numbers of each."""
+    network = contest.areas.drawn["wsn"]
+    rows = {"network (published HF, filtered)": (*_told(rms_by_part(network)), "1", "–", "–")}
+    for name, errors in tuned_errors(contest).items():
+        loss = f"{relative_loss(errors, network):.3f}"
+        best = (f"{number:.2g}" for number in contest.tunings[name].best)
+        rows[f"{name}, tuned"] = *_told(rms_by_part(errors)), loss, *best
+    columns = ["RMS $r$ (m)", "RMS $v$ (m/s)", "loss", "$Q$ ratio", "second"]
+    return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("filter")
+
+
+def tuned_errors(contest: FilterContest) -> dict[str, ByArea]:
+    """Return the errors of the tuned filters on the runs of the tables."""
+    drawn = contest.areas.drawn
+    return {name: contest.errors(each, drawn) for name, each in contest.tuned.items()}
+
+
+def _told(sizes: Mapping[str, float]) -> list[str]:
+    return [f"{sizes[part]:.3f}" for part in PARTS]
+
+
 def stress(contest: FilterContest) -> dict[tuple[str, str], dict[str, float]]:
     """Return RMS errors by case and part, then by filter, where assumptions are broken.
 
@@ -76,8 +110,8 @@ def stress(contest: FilterContest) -> dict[tuple[str, str], dict[str, float]]:
     """
     tuned, estimate = contest.tuned, contest.areas.estimate
     filters: dict[str, Estimator] = {
-        "HF, published": partial(estimate, "hf-printed-filtered"),
-        "Kalman, matched": partial(estimate, "kf-matched-filtered"),
+        PUBLISHED: partial(estimate, "hf-printed-filtered"),
+        MATCHED: partial(estimate, "kf-matched-filtered"),
         HF: tuned[HF],
         "Kalman": tuned["Kalman"],
         "two more states": tuned["Kalman, acceleration states"],
@@ -93,6 +127,69 @@ def stress(contest: FilterContest) -> dict[tuple[str, str], dict[str, float]]:
             for part, error in rms_by_part(errors).items():
                 found.setdefault((case, part), {})[name] = error
     return found
+
+
+def table_of_positions(stressed: Stressed) -> pd.DataFrame:
+    """Return the position errors by case and filter, the least of a case in bold."""
+    rows = {}
+    for (case, part), errors in stressed.items():
+        if part == "position":
+            least = min(errors.values())
+            rows[case] = {
+                name: f"**{error:.3f}**" if error == least else f"{error:.3f}"
+                for name, error in errors.items()
+            }
+    return pd.DataFrame.from_dict(rows, orient="index").rename_axis("case")
+
+
+def wins(
+    stressed: Stressed,
+    name: str = PUBLISHED,
+    rival: str = MATCHED,
+    among: Iterable[str] = NAMED_FIRST,
+) -> int:
+    """Return how many comparisons, of position and of velocity, a filter wins against a rival."""
+    return sum(
+        stressed[case, part][name] < stressed[case, part][rival] for case in among for part in PARTS
+    )
+
+
+def rises(stressed: Stressed) -> dict[str, float]:
+    """Return by what factor the errors of filters rise in the cases named first that are worse.
+
+    They are geometric means over cases, position and velocity.
+    """
+    worse = [case for case in NAMED_FIRST if case != "network 3 times more precise"]
+    start = {part: stressed[UNDISTURBED, part] for part in PARTS}
+    logs = {
+        name: [np.log(stressed[c, part][name] / start[part][name]) for c in worse for part in PARTS]
+        for name in start["position"]
+    }
+    return {name: float(np.exp(np.mean(each))) for name, each in logs.items()}
+
+
+def robust_numbers(stressed: Stressed) -> dict[str, float]:
+    """Return what the comparisons under broken assumptions amount to, by quantity."""
+    undisturbed = stressed[UNDISTURBED, "position"]
+    pairs = [stressed[case, part] for case in BROKEN for part in PARTS]
+    drifting_ones = [stressed[case, part] for case in DRIFT for part in PARTS]
+    best = [min(errors, key=errors.__getitem__) for errors in drifting_ones]
+    won, of_process = wins(stressed), wins(stressed, among=FIRST_DRIFT)
+    of_all = wins(stressed, among=BROKEN)
+    return {
+        "robust.cases-won": won,
+        "robust.all-won": of_all,
+        "robust.wider-won": len(NAMED_FIRST) * of_all / len(BROKEN),
+        "robust.process-won": of_process,
+        "robust.measurement-won": won - of_process,
+        "robust.lasting-won": wins(stressed, among=LASTING),
+        "robust.drift-won": wins(stressed, among=DRIFT),
+        "robust.exact-won": wins(stressed, HF),
+        "robust.exact-against-tuned": wins(stressed, HF, "Kalman", BROKEN),
+        "robust.exact-apart": 100 * np.median([abs(np.log(e[HF] / e["Kalman"])) for e in pairs]),
+        "robust.states-best": best.count("two more states"),
+        "robust.start": undisturbed[PUBLISHED] / undisturbed[MATCHED],
+    }
 
 
 def _cases(areas: TrainingAreas) -> dict[str, Drawn]:
@@ -130,7 +227,7 @@ def _cases(areas: TrainingAreas) -> dict[str, Drawn]:
     coloured, jitter, slow, fast, jump = DRIFT
     one, three, nodes, offset, velocities = LASTING
     return {
-        "as assumed": base,
+        UNDISTURBED: base,
         noisier: simulated(**{name: 3 * size for name, size in sizes.items()}),
         precise: simulated(**{name: size / 3 for name, size in sizes.items()}),
         tails: disturbed(5, "wsn", lambda e, rng, _: heavy_tailed(e, 3.0, rng)),
@@ -247,6 +344,12 @@ def position_share(contest: FilterContest, estimate: Estimator, drawn: Drawn) ->
     return float(own / its)
 
 
+def with_fixes(areas: TrainingAreas, runs: int, **changes: Any) -> TrainingAreas:
+    """Return the areas with other runs, whose fixes are white but for what is changed."""
+    white = replace(areas, runs=runs, seed=areas.seed + 7, correlation_time=0.0, node_bias=0.0)
+    return replace(white, **changes)
+
+
 def knowing(contest: FilterContest, lasting: TrainingAreas) -> dict[str, Estimator]:
     """Return filters that know of the correlation time of an area's fixes, or are tuned again."""
     again, time = FilterContest(lasting), lasting.correlation_time
@@ -259,6 +362,17 @@ def knowing(contest: FilterContest, lasting: TrainingAreas) -> dict[str, Estimat
     }
 
 
+def knowing_recorded(contest: FilterContest, fits: Sequence[tuple[float, float]]) -> Estimator:
+    """Return a filter that knows white share and correlation time of recorded fixes, by axis.
+
+    The fits are those of `fit_correlation`. Velocities are white.
+    """
+    model = contest.areas.assuming(contest.tunings["Kalman"].best[0])
+    times = [*(time for _, time in fits), 0.0, 0.0]
+    white = [*(1 - share for share, _ in fits), 1.0, 1.0]
+    return lambda a, y: run_coloured(model[a], times, y, white=white)
+
+
 def on_recorded(
     contest: FilterContest,
     filters: Mapping[str, Estimator],
@@ -268,7 +382,7 @@ def on_recorded(
     """Return `position_share` with the errors of recorded fixes, in order and shuffled."""
     areas = contest.areas
     rng = np.random.default_rng([areas.seed, 14])
-    white = replace(areas, runs=runs, seed=areas.seed + 7, correlation_time=0.0, node_bias=0.0)
+    white = with_fixes(areas, runs)
     found = {}
     for label in ("recorded", "shuffled"):
         source = rng.permutation(recorded) if label == "shuffled" else recorded
