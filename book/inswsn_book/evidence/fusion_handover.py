@@ -68,9 +68,9 @@ class Handover:
         weights = self.fusion.fused_weights(designs, sets)
         fade = {"handover": "fading", "margins": self.fusion.scene.margins(self.fading_length)}
         runs = {
-            "constant": {"weights": weights[self.everyone], "handover": "constant"},
             "restart": {"weights": weights},
             "fading": {"weights": weights} | fade,
+            "constant": {"weights": weights[self.everyone], "handover": "constant"},
         }
         ins = self.fusion.drawn["ins"][..., : y.shape[-1]]
         return {
