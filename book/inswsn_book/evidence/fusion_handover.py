@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from inswsn_book.evidence.fusion_percentages import FirstReading
-from inswsn_book.evidence.fusion_search import SOURCES
+from inswsn_book.evidence.fusion_search import SOURCES, VelocitySource
 from inswsn_lib.checks import Array
 from inswsn_lib.evaluation import mean_absolute_error
 from inswsn_lib.filters import patterns_of, run_distributed, run_federated
@@ -60,25 +61,25 @@ class Handover:
         """The number of nodes in reach of each cluster that takes part, at each step."""
         scene = self.fusion.scene
         near = [scene.heard[:, scene.labels == c].sum(axis=1) for c in range(len(scene.clusters))]
-        return np.stack(near, axis=1)[np.array(self.patterns)]
+        return np.asarray(np.stack(near, axis=1)[np.array(self.patterns)])
 
     def by_rules(self, designs: Sequence[FilterDesign], y: Array) -> dict[str, Array]:
         """Return the errors of DHF by rule, (steps, 4, runs), weights from (9) with own noise."""
         sets = {*patterns_of(self.fusion.measurements), *self.fusion.sets, self.everyone}
         weights = self.fusion.fused_weights(designs, sets)
         fade = {"handover": "fading", "margins": self.fusion.scene.margins(self.fading_length)}
-        runs = {
+        rules: dict[str, dict[str, Any]] = {
             "restart": {"weights": weights},
             "fading": {"weights": weights} | fade,
             "constant": {"weights": weights[self.everyone], "handover": "constant"},
         }
         ins = self.fusion.drawn["ins"][..., : y.shape[-1]]
         return {
-            rule: ins - run_distributed(designs, y, predicted=True, **told)  # type: ignore[arg-type]
-            for rule, told in runs.items()
+            rule: ins - run_distributed(designs, y, predicted=True, **told)
+            for rule, told in rules.items()
         }
 
-    def _from(self, source: str) -> tuple[ClusterScene, Array]:
+    def _from(self, source: VelocitySource) -> tuple[ClusterScene, Array]:
         """Return the scene with another source of velocity, and its network errors."""
         scene = replace(self.fusion.scene, velocity_source=source)
         fixes = self.fusion.drawn["fixes"]
@@ -133,7 +134,7 @@ class Handover:
 
     def tabulate(self, printed: Mapping[str, Mapping[str, str]]) -> pd.DataFrame:
         """Return the table of sources and methods, with the percentages that are printed."""
-        rows = {}
+        rows: dict[str, tuple[str, ...]] = {}
         for (source, method), errors in self.by_source.items():
             rivals = self.alone, self.by_source[source, "FKF"]
             ins, fkf = (_row(100 * (1 - errors / rival), 0) for rival in rivals)

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
+from typing import Literal, get_args
 
 import numpy as np
 import pandas as pd
@@ -19,7 +20,8 @@ from inswsn_lib.lmi import InfeasibleDesignError, design_filter
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.simulation import velocity_slopes
 
-SOURCES = ("difference", "window", "sensor")
+VelocitySource = Literal["difference", "window", "sensor"]
+SOURCES: tuple[VelocitySource, ...] = get_args(VelocitySource)
 DURATIONS = (2, 5, 10, 20)  # s
 HEADINGS = (0, 15, 27, 35, 45)  # degrees
 #: The process noise of a filter in a step, of a position and of a velocity, by its name
@@ -174,7 +176,7 @@ class Pairings:
     @property
     def above(self) -> dict[str, int]:
         """The number of pairings whose FKF is worse than INS-only in both velocities, by source."""
-        worse = (self.ratios > 1).all(axis=-1)
+        worse = np.asarray((self.ratios > 1).all(axis=-1))
         return {source: int(worse[i].sum()) for i, source in enumerate(SOURCES)}
 
     def tabulate(self, printed: Sequence[str]) -> pd.DataFrame:

@@ -106,12 +106,12 @@ class TheoremReading:
         """Return root of output energy over input energy of (9)'s weights, at the worst input."""
         A, B, L = lmi.fusion_system(self.designs, self.own.weights, noise)
         worst = lmi.worst_disturbance(A, np.zeros_like(A), B, L, steps)
-        x, energy_in, energy_out = np.zeros(len(A)), 0.0, 0.0
+        x, energy = np.zeros(len(A)), np.zeros(2)
         for k in range(steps):
             s = worst.first if k == 0 else worst.feedback[k - 1] @ x
             x = A @ x + B @ s
-            energy_in, energy_out = energy_in + s @ s, energy_out + (L @ x) @ (L @ x)
-        return float(np.sqrt(energy_out / energy_in))
+            energy += s @ s, (L @ x) @ (L @ x)
+        return float(np.sqrt(energy[1] / energy[0]))
 
     def correlations(self) -> Array:
         """Return those of the errors of two local filters, by pair and component, one INS."""
