@@ -93,7 +93,7 @@ class Handover:
 
         Of the first cluster, before the set in reach changes.
         """
-        found = {}
+        found: dict[str, tuple[float, float]] = {}
         for source in SOURCES:
             v = self._from(source)[1][0, : self.changes[1], 2:]
             rms = np.sqrt(np.nanmean(v**2))
@@ -103,7 +103,8 @@ class Handover:
     @cached_property
     def by_source(self) -> dict[tuple[str, str], Array]:
         """The mean errors of source and method in the first reading, medians of the runs, (4,)."""
-        fusion, found = self.fusion, {}
+        fusion = self.fusion
+        found: dict[tuple[str, str], Array] = {}
         ins = fusion.drawn["ins"][..., _SMALL]
         for source in SOURCES:
             scene, network = self._from(source)
