@@ -7,22 +7,29 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 from scipy.linalg import block_diag
 
 from inswsn_book.legible import label_lines, place_labels
 from inswsn_lib.checks import Array
-from inswsn_lib.evaluation import monte_carlo
+from inswsn_lib.evaluation import Finding, monte_carlo
 from inswsn_lib.filters import patterns_of, run_distributed
 from inswsn_lib.lmi import FilterDesign, fusion_system
-from inswsn_lib.navigation.cluster_fusion import METHODS, ClusterFusion, Estimator, Pattern
+from inswsn_lib.navigation.cluster_fusion import (
+    METHODS,
+    ClusterFusion,
+    Estimator,
+    Pattern,
+    planar_rms,
+)
 from inswsn_lib.plotting import COLOURS, STROKES, figure, stroke
 from inswsn_lib.simulation import ClusterScene, coloured
 
 _TITLES = ("position $x$", "position $y$", "velocity $x$", "velocity $y$")
 _STYLES = {"INS-only": "ins", "FKF": "federated", "DHF": "distributed"}
 _RULES = {
-    "constant weights, as printed": ("DHF, constant weights as printed", ("distributed", "-.")),
+    "constant": ("DHF, constant weights as printed", ("distributed", "-.")),
     "restart": ("DHF, restart", ("distributed", "-")),
     "fading": ("DHF, fading", ("distributed", ":")),
     "FKF": ("FKF", ("federated",)),
@@ -175,6 +182,20 @@ def disturbed_data(fusion: ClusterFusion) -> dict[str, tuple[Array, Array]]:
     }
 
 
+def disturbed_errors(fusion: ClusterFusion) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Return RMS errors of position and velocity, medians, of each tuned filter in each case."""
+    data, filters = disturbed_data(fusion), filters_for_all_sets(fusion)
+    middle = {
+        case: {
+            name: np.median(planar_rms(ins - run(ins[None] - wsn)), axis=1)
+            for name, run in filters.items()
+        }
+        for case, (ins, wsn) in data.items()
+    }
+    frame = pd.DataFrame.from_dict(middle, orient="index").rename_axis("case")
+    return frame.map(lambda both: both[0]), frame.map(lambda both: both[1])
+
+
 def filters_for_all_sets(fusion: ClusterFusion) -> dict[str, Estimator]:
     """Return each tuned filter, with gains for every set of clusters that may be in reach."""
     sets = [p for p in product((False, True), repeat=len(fusion.scene.clusters)) if any(p)]
@@ -192,6 +213,23 @@ def first_pair(fusion: ClusterFusion) -> list[int]:
     pairs = (p for p in patterns_of(fusion.measurements) if sum(p) == 2)
     pattern = next(pairs, (True, True, False))
     return [c for c, there in enumerate(pattern) if there]
+
+
+def with_ends(found: Finding) -> str:
+    """Return a number with the ends of its interval, as a cell of a table."""
+    return f"{found.value:.3f} ({found.low:.3f} to {found.high:.3f})"
+
+
+def tabulate_methods(fusion: ClusterFusion, found: Mapping[str, Finding]) -> pd.DataFrame:
+    """Return the methods with their numbers, the trials that chose them, and their RMS errors."""
+    rows = {}
+    for key, name in METHODS.items():
+        given = ", ".join(f"{number:.3g}" for number in fusion.chosen.get(key, ())) or "–"
+        trials = f"; {fusion.tuned[key].trials}" if key in fusion.tuned else ""
+        errors = [with_ends(found[f"{slug(name)}.{part}"]) for part in ("position", "velocity")]
+        rows[name] = [given + trials, *errors]
+    columns = ["chosen numbers; trials", "position (m)", "velocity (m/s)"]
+    return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("method")
 
 
 def slug(name: str) -> str:

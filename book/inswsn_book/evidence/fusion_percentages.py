@@ -8,8 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
+from inswsn_book.evidence.fusion_page import slug
 from inswsn_lib.checks import Array
-from inswsn_lib.evaluation import Finding, mean_absolute_error
+from inswsn_lib.evaluation import Finding, Scores, mean_absolute_error
 from inswsn_lib.filters import patterns_of, run_distributed, run_federated
 from inswsn_lib.lmi import FilterDesign
 from inswsn_lib.navigation.cluster_fusion import ClusterFusion, Pattern
@@ -93,3 +94,28 @@ def _reductions(
             f"{prefix}.{part}.vs-fkf",
             Finding.of_runs(found["vs-fkf"][rows].mean(axis=0), "%", how),
         )
+
+
+def errors_of_first(first: FirstReading) -> dict[str, Finding]:
+    """Return ``first.METHOD.AXIS``, mean absolute errors of the first reading, over the runs."""
+    found = {}
+    for method, errors in first.errors.items():
+        for axis, error in zip(AXES, mean_absolute_error(errors), strict=True):
+            how = (
+                f"Mean absolute error of {method}, {axis}, first reading: median and 95 % of the"
+                " runs."
+            )
+            unit = "m" if axis.startswith("r") else "m/s"
+            found[f"first.{method.lower()}.{axis}"] = Finding.of_runs(error, unit, how)
+    return found
+
+
+def errors_of_methods(scores: Scores) -> dict[str, Finding]:
+    """Return ``METHOD.PART``, RMS errors of the tuned methods, over the runs."""
+    found = {}
+    for key, name in scores.methods.items():
+        for part, unit in scores.columns.items():
+            how = f"RMS {part} error of {name}, tuned: median and 95 % of the runs."
+            error = scores.of(key, part)
+            found[f"{slug(name)}.{part}"] = Finding.of_runs(error, unit, how)
+    return found

@@ -5,12 +5,14 @@ Three identical clusters are in reach all the time; the node walks straight on.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
+from typing import Literal, get_args
 
 import numpy as np
+import pandas as pd
 
 from inswsn_lib.checks import Array
 from inswsn_lib.filters import run_hinfinity, run_kalman
@@ -18,7 +20,8 @@ from inswsn_lib.lmi import InfeasibleDesignError, design_filter
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.simulation import velocity_slopes
 
-SOURCES = ("difference", "window", "sensor")
+VelocitySource = Literal["difference", "window", "sensor"]
+SOURCES: tuple[VelocitySource, ...] = get_args(VelocitySource)
 DURATIONS = (2, 5, 10, 20)  # s
 HEADINGS = (0, 15, 27, 35, 45)  # degrees
 #: The process noise of a filter in a step, of a position and of a velocity, by its name
@@ -169,6 +172,24 @@ class Pairings:
             ", ".join(lowered[:4]), ", ".join(lowered[4:]), f"{x:.1f}, {y:.2f}",
             f"{self.spreads[pairing]:.2f}", f"{self.worst[pairing]:.1f}",
         )  # fmt: skip
+
+    @property
+    def above(self) -> dict[str, int]:
+        """The number of pairings whose FKF is worse than INS-only in both velocities, by source."""
+        worse = np.asarray((self.ratios > 1).all(axis=-1))
+        return {source: int(worse[i].sum()) for i, source in enumerate(SOURCES)}
+
+    def tabulate(self, printed: Sequence[str]) -> pd.DataFrame:
+        """Return the nearest pairings, with the percentages that are printed below them."""
+        rows = {what: self.describe(pairing) for what, pairing in self.choices().items()}
+        x, y = self.target[2:4] / self.target[6:8]
+        rows["as printed"] = ("–", *printed, f"{x:.1f}, {y:.2f}", "–", "–")
+        columns = [
+            "what it is", "reduction of INS-only (%)", "reduction of FKF (%)",
+            "FKF over INS-only, $v_x$ and $v_y$", "spread", "worst factor",
+        ]  # fmt: skip
+        table = pd.DataFrame.from_dict(rows, orient="index", columns=columns)
+        return table.rename_axis("pairing")
 
     def single_runs(self, pairing: Pairing) -> Array:
         """Return the worst factor of a pairing in each of its runs."""
