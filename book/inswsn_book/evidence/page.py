@@ -91,7 +91,8 @@ class EvidenceRecord(ChapterRecord):
         if said.tolerance is not None and said.share is None:
             fields["share"] = 0.0  # one that is given stands in the place of both
         if isinstance(value, Derived):
-            value, fields["interval"] = value.value, value.limits
+            fields["interval"] = value.limits
+            value = value.value
         if fields.get("interval") is None:
             del fields["interval_kind"]
         name, how = _filled(name, fields.pop("how"), values=given)
@@ -107,7 +108,8 @@ class EvidenceRecord(ChapterRecord):
 
     def bind(self, name: str, condition: object, **given: Any) -> None:
         """Bind a sentence, by its name in the file of words, as `holds` does."""
-        self.holds(*_filled(self._said("sentences", name), values=given), condition)
+        (sentence,) = _filled(self._said("sentences", name), values=given)
+        self.holds(sentence, condition)
 
     def table(self, frame: pd.DataFrame, *, name: str, fold: str = "", **given: Any) -> None:
         """Show a table with its caption, as `show_table` does."""
