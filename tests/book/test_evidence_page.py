@@ -37,14 +37,16 @@ def record(mini: MiniProject) -> EvidenceRecord:
 
 
 def test_a_number_has_what_is_said_of_it_and_what_is_usual(record: EvidenceRecord) -> None:
-    speed = record.keep("speed", 3.0, runs=7, interval=(2.0, 4.0))
+    record.keep("speed", 3.0, runs=7, interval=(2.0, 4.0))
+    (speed,) = record.results().quantities
     assert (speed.unit, speed.how, speed.runs) == ("m/s", "How fast it goes.", 7)
     assert (speed.basis, speed.tolerance, speed.share) == ("simulation", 1e-6, 1e-3)
     assert speed.interval_kind == "runs 95 %"
 
 
 def test_a_tolerance_that_is_said_stands_in_the_place_of_both(record: EvidenceRecord) -> None:
-    error = record.keep("area{a}.error", Derived(1.5, span(1.0, 2.0)), a=1, far=2.04)
+    record.keep("area{a}.error", Derived(1.5, span(1.0, 2.0)), a=1, far=2.04)
+    (error,) = record.results().quantities
     assert (error.name, error.how) == ("area1.error", "Error in area 1, 2.0 m.")
     assert (error.value, error.interval) == (1.5, (1.0, 2.0))
     assert (error.tolerance, error.share) == (0.5, 0.0)

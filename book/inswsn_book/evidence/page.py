@@ -79,7 +79,7 @@ class EvidenceRecord(ChapterRecord):
         except ValidationError as error:
             raise InswsnError(f"{path}: {first_problem(error)}.") from None
 
-    def keep(self, name: str, value: float | Derived, **given: Any) -> Quantity:
+    def keep(self, name: str, value: float | Derived, **given: Any) -> None:
         """Record a number by its name in the file of words, filled in.
 
         What is given and is a field of `Quantity`, such as ``interval`` and ``runs``, goes to it;
@@ -96,7 +96,7 @@ class EvidenceRecord(ChapterRecord):
         if fields.get("interval") is None:
             del fields["interval_kind"]
         name, how = _filled(name, fields.pop("how"), values=given)
-        return self.quantity(name, float(value), how=how, **fields)
+        self.quantity(name, float(value), how=how, **fields)
 
     def findings(self, found: Mapping[str, Finding], prefix: str = "", **given: Any) -> None:
         """Record what a core found: names, units, intervals and what they are come with it."""

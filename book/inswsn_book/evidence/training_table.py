@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import pandas as pd
 from scipy.optimize import curve_fit
 
-from inswsn_book.verdicts import Judged
 from inswsn_lib.checks import Array
 from inswsn_lib.evaluation import Finding, autocorrelation, quotient
 from inswsn_lib.navigation.filter_contest import FilterContest
@@ -22,6 +21,9 @@ from inswsn_lib.navigation.training_areas import (
     table2_findings,
 )
 from inswsn_lib.papers import AXES, COLUMNS
+
+if TYPE_CHECKING:  # in a page that runs its cells there are no verdicts
+    from inswsn_book.verdicts import Judged
 
 #: The methods of Table 2 as rebuilt, by the names of `TrainingAreas.estimate`
 REBUILT = {
