@@ -13,6 +13,7 @@ from inswsn_book.results import Results
 
 _EVERY = 0.02  # s: less than a hundredth of a run goes into looking
 _PACKAGES = ("inswsn_lib", "inswsn_book")
+_ON_BEHALF = "inswsn_lib.kernels.choice"  # it calls a kernel, compiled or not, for whoever asks
 #: How many functions a run keeps
 KEPT = 20
 
@@ -35,7 +36,7 @@ class Sampler:
             frame, now = sys._current_frames().get(self._watched), time.monotonic()
             while frame is not None:
                 module = frame.f_globals.get("__name__", "")
-                if module.partition(".")[0] in _PACKAGES:
+                if module.partition(".")[0] in _PACKAGES and module != _ON_BEHALF:
                     self._seen[f"{module}.{frame.f_code.co_qualname}"] += now - last
                     break
                 frame = frame.f_back

@@ -420,7 +420,7 @@ def test_recordings(
     size: Callable[[int, int], int], seed: int, tell: Callable[[str], None], tmp_path: Path
 ) -> None:
     rng, path = np.random.default_rng(seed), tmp_path / "my.csv"
-    count, right = size(10, 500), size(4, 500)
+    count, right = size(15, 500), size(6, 500)
     names = [*KINDS]
     order = [names[i % len(names)] for i in rng.permutation(len(names) * (1 + count // len(names)))]
     came = []

@@ -17,7 +17,7 @@ ASSUMED = (1000.0, 30.0, 2.0, 0.6, 0.06)
 
 def test_starts(size: Callable[[int, int], int], seed: int, tell: Callable[[str], None]) -> None:
     """At most a quarter is refused, and 99 of 100 starts lie within 3.5 of their deviations."""
-    trials, off, refused = size(6, WHOLE), [], []
+    trials, off, refused = size(10, WHOLE), [], []
     for k in range(trials):
         log = Log.drawn(1000 * seed + k)
         motion, seen, attitude, _ = log.make()

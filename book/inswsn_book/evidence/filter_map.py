@@ -185,11 +185,13 @@ class FilterMap:
         """Of each filter: channels, RMS under white noise and worst-case gain, (areas, parts)."""
         matched, areas = self.contest.areas.matched, self.contest.areas
         (q, own), (ratio, margin) = self._numbers["Kalman"], self._numbers["HF, exact LMI"]
-        models = areas.assuming(ratio)
+        models, steps = areas.assuming(ratio), areas.scene.training_samples
         designs = {g: self.contest.designs("exact", models, g) for g in (margin, 0.01)}
         gains: dict[str, dict[str, Array]] = {
             "network": {a: matched[a].A for a in AREAS},
-            "kalman": {a: last_gain(m) for a, m in self.contest.kalman_models(q, own).items()},
+            "kalman": {
+                a: last_gain(m, steps) for a, m in self.contest.kalman_models(q, own).items()
+            },
             "hf": {a: design.gain for a, design in designs[margin].items()},
             "hf-least": {a: design.gain for a, design in designs[0.01].items()},
         }
@@ -203,7 +205,7 @@ class FilterMap:
         return found
 
 
-def last_gain(model: ErrorModel) -> Array:
+def last_gain(model: ErrorModel, steps: int) -> Array:
     """Return the gain of the Kalman predictor at the end of an area."""
-    there = np.ones((100, len(model.C)), dtype=bool)
+    there = np.ones((steps, len(model.C)), dtype=bool)
     return np.asarray(model.A @ design_kalman(model, there, initial_covariance=UNKNOWN).gains[-1])

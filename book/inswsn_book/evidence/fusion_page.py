@@ -11,6 +11,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy.linalg import block_diag
 
+from inswsn_book.evidence import slug
 from inswsn_book.legible import label_lines, place_labels
 from inswsn_lib.checks import Array
 from inswsn_lib.evaluation import Finding, monte_carlo
@@ -230,9 +231,3 @@ def tabulate_methods(fusion: ClusterFusion, found: Mapping[str, Finding]) -> pd.
         rows[name] = [given + trials, *errors]
     columns = ["chosen numbers; trials", "position (m)", "velocity (m/s)"]
     return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("method")
-
-
-def slug(name: str) -> str:
-    """Return the name of a method or a case as a part of the name of a quantity."""
-    plain = name.lower().replace("%", "percent")
-    return plain.replace(",", "").replace(".", "").replace(" ", "-")

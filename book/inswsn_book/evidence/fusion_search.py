@@ -17,21 +17,22 @@ import pandas as pd
 from inswsn_lib.checks import Array
 from inswsn_lib.filters import run_hinfinity, run_kalman
 from inswsn_lib.lmi import InfeasibleDesignError, design_filter
+from inswsn_lib.lmi.designs import Solver
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.simulation import velocity_slopes
 
 VelocitySource = Literal["difference", "window", "sensor"]
 SOURCES: tuple[VelocitySource, ...] = get_args(VelocitySource)
+_T, _FIX, _RUNS = 0.02, 0.2 / 2**0.5, 32  # s, m of a component: P2, Section 3
 DURATIONS = (2, 5, 10, 20)  # s
 HEADINGS = (0, 15, 27, 35, 45)  # degrees
 #: The process noise of a filter in a step, of a position and of a velocity, by its name
-PROCESS = {f"{a:g} m/s²": (a * 0.02**2 / 2, a * 0.02) for a in (0.017, 0.15, 1.2, 6.5)} | {
+PROCESS = {f"{a:g} m/s²": (a * _T**2 / 2, a * _T) for a in (0.017, 0.15, 1.2, 6.5)} | {
     "B = I": (1.0, 1.0), "B = 0.2 I": (0.2, 0.2),
 }  # fmt: skip
 #: The measurement noise that it assumes; None is the true one
 NOISE = {"D true": None, "D = I": (1.0, 1.0), "D = 0.2 I": (0.2, 0.2)}
 FILTERS = [f"{process}, {noise}" for process, noise in product(PROCESS, NOISE)]
-_T, _FIX, _RUNS = 0.02, 0.2 / 2**0.5, 32  # s, m of a component
 _WINDOW = 25
 #: True errors of a velocity of each source, m/s
 _SPEEDS = {
@@ -45,9 +46,10 @@ Response = tuple[Array, Array]
 
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """The plain scene, with random numbers of a seed."""
+    """The plain scene, with random numbers of a seed, and the solver of the designs."""
 
     seed: int
+    solver: Solver | tuple[Solver, ...]
 
     @cached_property
     def _drawn(self) -> tuple[Array, Array, Array]:
@@ -79,7 +81,7 @@ class Bench:
                 return run_kalman(model, y, predicted=True, **known)
         else:
             try:
-                design = design_filter(model)
+                design = design_filter(model, solver=self.solver)
             except InfeasibleDesignError:  # numbers too far apart for the solver
                 return np.full_like(drift, np.nan), np.full_like(push, np.nan)
 
@@ -203,9 +205,11 @@ class Pairings:
         return np.asarray(np.exp(np.abs(misses).max(axis=0)))
 
 
-def search_pairings(seed: int, left: Mapping[str, Mapping[str, float]]) -> Pairings:
+def search_pairings(
+    seed: int, left: Mapping[str, Mapping[str, float]], solver: Solver | tuple[Solver, ...]
+) -> Pairings:
     """Score all pairings against the remaining errors that P2 prints, by axis and rival."""
-    bench, misses = Bench(seed), []
+    bench, misses = Bench(seed, solver), []
     target = np.array([axis[rival] for rival in ("vs_ins", "vs_fkf") for axis in left.values()])
     for source in SOURCES:
         answers = {

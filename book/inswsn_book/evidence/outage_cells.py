@@ -50,7 +50,7 @@ def outages_by_drive(errors: Mapping[str, Array]) -> dict[str, ByDrive]:
         Of some methods, as `VehicleOutages.errors`; of ``never``, ``through``, ``lssvm``, ``rbf``
         at least.
     """
-    sizes = _sizes(errors)
+    sizes = error_sizes(errors)
     found: dict[str, ByDrive] = {}
     for name, who in WORDS.items():
         for kind, word in _KINDS.items() if name in errors else ():
@@ -89,6 +89,14 @@ def outages_by_drive(errors: Mapping[str, Array]) -> dict[str, ByDrive]:
     return found | {"sim.50.gain.place5.over-rbf": ByDrive(gain, "%", how)}
 
 
+def spreads(drives: Mapping[str, ByDrive]) -> dict[str, Finding]:
+    """Return the medians over the drives with the ends of 95 % of the drives."""
+    return {
+        name: Finding.of_runs(values, unit, f"{how} Median over the drives.")
+        for name, (values, unit, how) in drives.items()
+    }
+
+
 def rebuild_outages(errors: Mapping[str, Array]) -> dict[str, Finding]:
     """Return the medians of `outages_by_drive` with the ends of 95 % of the drives.
 
@@ -96,10 +104,7 @@ def rebuild_outages(errors: Mapping[str, Array]) -> dict[str, Finding]:
     ----------
     errors : mapping of str to ndarray, (51 epochs, 8 places, drives)
     """
-    return {
-        name: Finding.of_runs(values, unit, f"{how} Median over the drives.")
-        for name, (values, unit, how) in outages_by_drive(errors).items()
-    }
+    return spreads(outages_by_drive(errors))
 
 
 def rebuild_recorded(trials: RecordedTrials) -> dict[str, Finding]:
@@ -114,7 +119,7 @@ def rebuild_recorded(trials: RecordedTrials) -> dict[str, Finding]:
     trials : RecordedTrials
         With 50 s of ``never``, ``lssvm`` and ``rbf``.
     """
-    sizes, found = _sizes(trials.errors), {}
+    sizes, found = error_sizes(trials.errors), {}
 
     def keep(name: str, values: Array, unit: str, how: str) -> None:
         whole = "outages and draws" if values.ndim > 1 else "draws"
@@ -145,7 +150,8 @@ def rebuild_recorded(trials: RecordedTrials) -> dict[str, Finding]:
     return found
 
 
-def _sizes(errors: Mapping[str, Array]) -> dict[tuple[str, str, str], Array]:
+def error_sizes(errors: Mapping[str, Array]) -> dict[tuple[str, str, str], Array]:
+    """Return RMS and largest errors, ``rms`` and ``max``, by method and span."""
     return {
         (name, span, kind): size
         for name, error in errors.items()

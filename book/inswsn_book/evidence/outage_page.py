@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import cvxpy as cp
 import numpy as np
 import pandas as pd
+import torch
 from numpy.typing import ArrayLike
 
 from inswsn_book.evidence.outage_tables import METHODS, Hypothesis
@@ -68,15 +69,12 @@ def solve_four_ways(
     problem.solve(solver="CLARABEL", **_EXACT)
     cost = (omega @ omega + strength * slack @ slack) / 2
     by_weights = _features(fresh) @ primal[:6] + primal[6]
-    # derivatives in b, e and alpha; those in omega vanish, since omega is made of alpha
-    fitted, weighed, largest = Phi @ omega, strength * slack, np.abs(targets).max()
-    slopes = {
-        "right": [alpha.sum(), weighed - alpha, fitted + bias + slack - targets],
-        "over all terms": [n, weighed - 1, fitted],  # the sum of (3.4), as it is printed
-        "over the first": [1, weighed + 1, fitted],
+    largest, size = np.abs(targets).max(), np.abs(alpha).max()
+    point = tuple(torch.tensor(v, requires_grad=True) for v in (omega, bias, slack, alpha))
+    most = {
+        name: max(float(part.abs().max()) for part in torch.autograd.grad(value, point))
+        for name, value in _lagrangians(*point, torch.tensor(Phi), torch.tensor(targets), strength)
     }
-    most = {name: max(np.abs(part).max() for part in parts) for name, parts in slopes.items()}
-    size = np.abs(alpha).max()
     return {
         "lssvm.primal-dual": np.abs(by_weights - machine.predict(fresh)).max() / largest,
         "lssvm.objective-excess": cost / problem.value - 1,
@@ -89,6 +87,17 @@ def solve_four_ways(
         ),
         "lssvm.printed-lagrangian": min(most["over all terms"], most["over the first"]) / size,
     }, problem.status
+
+
+def _lagrangians(
+    w: torch.Tensor, b: torch.Tensor, e: torch.Tensor, a: torch.Tensor,
+    features: torch.Tensor, y: torch.Tensor, strength: float,
+) -> Iterator[tuple[str, torch.Tensor]]:  # fmt: skip
+    """Yield P1 (3.4), as it must be and by what the sum may hold as it is printed."""
+    cost, fitted = w @ w / 2 + strength / 2 * e @ e, features @ w
+    yield "right", cost - a @ (fitted + b + e - y)
+    yield "over all terms", cost - (a * fitted + b + e - y).sum()
+    yield "over the first", cost - a @ fitted + b + (e - y).sum()
 
 
 def _features(X: Array) -> Array:

@@ -85,9 +85,15 @@ def medians(cells: Mapping[str, ArrayLike]) -> Array:
     return np.array([np.median(np.asarray(values)) for values in cells.values()])
 
 
-def table3_findings(cells: Mapping[str, Mapping[str, ArrayLike]]) -> dict[str, Finding]:
-    """Return the medians of the cells by method and column, with the ends of 95 % of runs."""
-    each = (_outage(f"table3.{m}", columns, METHODS[m]) for m, columns in cells.items())
+def table3_findings(
+    cells: Mapping[str, Mapping[str, ArrayLike]], reading: str = ""
+) -> dict[str, Finding]:
+    """Return the medians of the cells by method and column, with the ends of 95 % of runs.
+
+    What was read otherwise is told behind the method.
+    """
+    end = f", {reading}" if reading else ""
+    each = (_outage(f"table3.{m}", columns, METHODS[m] + end) for m, columns in cells.items())
     return {name: finding for found in each for name, finding in found}
 
 
@@ -176,7 +182,7 @@ def table1_cells(
     return cells
 
 
-def table1_findings(rows: Iterable[int], cells: Array) -> dict[str, Finding]:
+def table1_findings(rows: Iterable[int], cells: Array, reading: str = "") -> dict[str, Finding]:
     """Return the medians of the cells of Table 1, and of their means, by row.
 
     Parameters
@@ -185,14 +191,17 @@ def table1_findings(rows: Iterable[int], cells: Array) -> dict[str, Finding]:
         The numbers of the rows.
     cells : ndarray, (rows, 4, runs)
         From `table1_cells`.
+    reading : str
+        What was read otherwise.
     """
     how = "Mean absolute error on the 50 points that trained"
+    end = f", {reading}: median over runs." if reading else ": median over runs."
     found: dict[str, Finding] = {}
     for row, errors in zip(rows, cells, strict=True):
         both = {"mean-position": errors[:2].mean(axis=0), "mean-velocity": errors[2:].mean(axis=0)}
         for name, values in (dict(zip(AXES, errors, strict=True)) | both).items():
             unit = "m" if name.startswith(("r", "mean-p")) else "m/s"
-            words = f"{how}, {name}, row {row}: median over runs."
+            words = f"{how}, {name}, row {row}{end}"
             found[f"table1.row{row:02d}.{name}"] = Finding.of_runs(values, unit, words)
     return found
 

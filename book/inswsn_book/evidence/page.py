@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, SupportsFloat
 
 import pandas as pd
 from pydantic import ValidationError
@@ -79,7 +79,7 @@ class EvidenceRecord(ChapterRecord):
         except ValidationError as error:
             raise InswsnError(f"{path}: {first_problem(error)}.") from None
 
-    def keep(self, name: str, value: float | Derived, **given: Any) -> None:
+    def keep(self, name: str, value: SupportsFloat | Derived, /, **given: Any) -> None:
         """Record a number by its name in the file of words, filled in.
 
         What is given and is a field of `Quantity`, such as ``interval`` and ``runs``, goes to it;
@@ -106,7 +106,7 @@ class EvidenceRecord(ChapterRecord):
             ends = (f.low, f.high)
             self.quantity(prefix + name, f.value, f.unit, how=f.how, interval=ends, **said)
 
-    def bind(self, name: str, condition: object, **given: Any) -> None:
+    def bind(self, name: str, condition: object, /, **given: Any) -> None:
         """Bind a sentence, by its name in the file of words, as `holds` does."""
         (sentence,) = _filled(self._said("sentences", name), values=given)
         self.holds(sentence, condition)

@@ -32,8 +32,9 @@ def all_designs(areas: TrainingAreas) -> dict[Key, FilterDesign]:
 def other_filters(areas: TrainingAreas) -> dict[Key, tuple[ErrorModel, Array]]:
     """Return models and gains of filters that come from no inequality, as `all_designs`."""
     found = {(DEADBEAT, "identity", a): areas.deadbeat[a] for a in AREAS}
+    steps = areas.scene.training_samples
     for noise, models in (("identity", areas.identity), ("matched", areas.matched)):
-        found |= {(KALMAN, noise, a): (models[a], last_gain(models[a])) for a in AREAS}
+        found |= {(KALMAN, noise, a): (m, last_gain(m, steps)) for a, m in models.items()}
     return found
 
 

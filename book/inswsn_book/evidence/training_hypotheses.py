@@ -12,7 +12,7 @@ import pandas as pd
 from inswsn_book.evidence.drift_family import Correction, DriftFamily, fit_drifts
 from inswsn_lib.checks import Array
 from inswsn_lib.evaluation import Prediction, Score, score_hypothesis, tune
-from inswsn_lib.filters import design_kalman, run_kalman
+from inswsn_lib.filters import design_kalman, run_hinfinity, run_kalman
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation.filter_contest import Estimator, kalman
 from inswsn_lib.navigation.training_areas import (
@@ -271,10 +271,6 @@ def hinfinity_hypotheses(
             found[a] = (ins[a] - estimate)[1:]
         return found
 
-    def from_zero(a: str) -> Array:
-        carried = (areas.identity[a].A @ y[a])[:-1]
-        return np.asarray(ins[a] - np.concatenate([0 * y[a][:1], carried]))
-
     def rate(errors: ByArea, free: int) -> Score:
         """Score a hypothesis; the velocity noise is one more number that was chosen."""
         cells = table2_cells(errors)
@@ -284,7 +280,9 @@ def hinfinity_hypotheses(
     fixed = {
         "printed matrices, predicted": areas.errors("hf-printed-predicted"),
         "printed matrices, filtered": areas.errors("hf-printed-filtered"),
-        "the same, from a zero state, first step kept": {a: from_zero(a) for a in AREAS},
+        "the same, from a zero state, first step kept": {
+            a: ins[a] - run_hinfinity(areas.deadbeat[a], y[a], predicted=True) for a in AREAS
+        },
         "exact LMI, identities, predicted": areas.errors("hf-exact-identity-predicted"),
         "measurement one step late, not carried": {a: ins[a][1:] - y[a][:-1] for a in AREAS},
         "carried by $T = 1$ s": {a: ins[a][1:] - (one_second @ y[a])[:-1] for a in AREAS},

@@ -124,12 +124,12 @@ def ins_numbers(scene: Scene, without: Refit, every: Refit) -> dict[str, float]:
 def gyroscopes_needed(axes: int) -> int:
     """Return how many gyroscopes at right angles, with this many axes each, span a rotation."""
     unit = np.eye(3)
-    for count in (1, 2):
-        # the k-th gyroscope spins about axis k and senses those that follow it
-        sensed = [unit[(k + j) % 3] for k in range(count) for j in range(1, axes + 1)]
-        if np.linalg.matrix_rank(sensed) == 3:
-            return count
-    return 3
+    # the k-th gyroscope spins about axis k and senses those that follow it
+    sensed = {
+        count: [unit[(k + j) % 3] for k in range(count) for j in range(1, axes + 1)]
+        for count in (1, 2, 3)
+    }
+    return next(count for count, of in sensed.items() if np.linalg.matrix_rank(of) == 3)
 
 
 def step_residual(areas: TrainingAreas) -> float:
@@ -205,9 +205,10 @@ def step_differences(areas: TrainingAreas) -> tuple[float, float]:
         factor = model.period + model.E[0, 2] * b
         parts = x + np.vstack([factor * x[2:], np.zeros((2, 50))]) + w
         step = model.A @ x + model.E @ x * b
-        compact = max(compact, np.abs(parts - step - model.B @ w).max())
+        separate = step + model.B @ w
+        compact = max(compact, np.abs(parts - separate).max())
         both, zero = np.vstack([w, v]), 0 * model.B
-        state = step + np.hstack([model.B, zero]) @ both - parts
+        state = step + np.hstack([model.B, zero]) @ both - separate
         measured = np.hstack([zero, model.D]) @ both - model.D @ v
         stacked = max(stacked, np.abs(state).max(), np.abs(measured).max())
     return compact, stacked

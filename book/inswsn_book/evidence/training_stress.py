@@ -67,11 +67,6 @@ Drawn = Mapping[str, ByArea]
 Stressed = Mapping[tuple[str, str], Mapping[str, float]]
 
 
-def slug(name: str) -> str:
-    """Return the name of a filter as it stands in those of quantities."""
-    return name.lower().replace(",", "").replace(" ", "-")
-
-
 def rms_by_part(errors: ByArea) -> dict[str, float]:
     """Return the RMS errors of position and velocity, means of both areas."""
     return {

@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from inswsn_book.evidence.outage_cells import WORDS, ByDrive
+from inswsn_book.evidence.outage_cells import WORDS, ByDrive, error_sizes
 from inswsn_book.legible import place_labels
 from inswsn_lib.checks import Array
 from inswsn_lib.evaluation import Finding, cluster_mean, cluster_median
@@ -79,24 +79,11 @@ def written(factor: Finding) -> str:
     return f"{factor.value:.2f} ({factor.low:.2f} to {factor.high:.2f})"
 
 
-def slug(name: str) -> str:
-    """Return the name of a method in the names of quantities."""
-    return name.replace(" ", "-")
-
-
 def share_of(held: Array, what: str, clusters: Array) -> Finding:
     """Return the share of outages of which something holds of P3's method."""
     mean, low, high = cluster_mean(held.ravel().astype(float), clusters.ravel())
     how = f"The share of outages in which the proposed method has {what}"
     return Finding(mean, low, high, "1", f"{how}; interval by clusters of place and route.")
-
-
-def spreads(drives: Mapping[str, ByDrive]) -> dict[str, Finding]:
-    """Return the medians over the drives with the ends of 95 % of the drives."""
-    return {
-        name: Finding.of_runs(values, unit, f"{how} Median over the drives.")
-        for name, (values, unit, how) in drives.items()
-    }
 
 
 def medians(drives: Mapping[str, ByDrive], outages: VehicleOutages) -> dict[str, Finding]:
@@ -502,9 +489,6 @@ def draw_ramps(outages: VehicleOutages) -> Figure:
 
 def recorded_sizes(trials: RecordedTrials) -> dict[tuple[str, str], tuple[Array, Array]]:
     """Return RMS and largest errors on the recorded drive by method and span."""
-    spans = {"40": OUTAGE, "50": LONG}
-    return {
-        (name, span): outage_size(errors, 1, last)
-        for name, errors in trials.errors.items()
-        for span, last in spans.items()
-    }
+    sizes = error_sizes(trials.errors)
+    spans = {key[:2] for key in sizes}
+    return {span: (sizes[*span, "rms"], sizes[*span, "max"]) for span in sorted(spans)}
