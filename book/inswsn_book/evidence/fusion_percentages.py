@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from inswsn_book.evidence.fusion_page import slug
+from inswsn_book.evidence import slug
 from inswsn_lib.checks import Array
 from inswsn_lib.evaluation import Finding, Scores, mean_absolute_error
 from inswsn_lib.filters import patterns_of, run_distributed, run_federated

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import cvxpy as cp
@@ -70,11 +70,11 @@ def solve_four_ways(
     cost = (omega @ omega + strength * slack @ slack) / 2
     by_weights = _features(fresh) @ primal[:6] + primal[6]
     largest, size = np.abs(targets).max(), np.abs(alpha).max()
-    point = tuple(torch.tensor(v, requires_grad=True) for v in (omega, bias, slack, alpha))
-    most = {
-        name: max(float(part.abs().max()) for part in torch.autograd.grad(value, point))
-        for name, value in _lagrangians(*point, torch.tensor(Phi), torch.tensor(targets), strength)
-    }
+    point = [torch.tensor(v, requires_grad=True) for v in (omega, bias, slack, alpha)]
+    most = {}
+    for reading in ("right", "over all terms", "over the first"):
+        value = _lagrangian(reading, point, torch.tensor(Phi), torch.tensor(targets), strength)
+        most[reading] = max(float(p.abs().max()) for p in torch.autograd.grad(value, point))
     return {
         "lssvm.primal-dual": np.abs(by_weights - machine.predict(fresh)).max() / largest,
         "lssvm.objective-excess": cost / problem.value - 1,
@@ -89,15 +89,17 @@ def solve_four_ways(
     }, problem.status
 
 
-def _lagrangians(
-    w: torch.Tensor, b: torch.Tensor, e: torch.Tensor, a: torch.Tensor,
-    features: torch.Tensor, y: torch.Tensor, strength: float,
-) -> Iterator[tuple[str, torch.Tensor]]:  # fmt: skip
-    """Yield P1 (3.4), as it must be and by what the sum may hold as it is printed."""
-    cost, fitted = w @ w / 2 + strength / 2 * e @ e, features @ w
-    yield "right", cost - a @ (fitted + b + e - y)
-    yield "over all terms", cost - (a * fitted + b + e - y).sum()
-    yield "over the first", cost - a @ fitted + b + (e - y).sum()
+def _lagrangian(
+    reading: str, at: Sequence[torch.Tensor], features: torch.Tensor, y: torch.Tensor, eta: float
+) -> torch.Tensor:
+    """Return P1 (3.4), as it must be, or by what the sum may hold as it is printed."""
+    w, b, e, a = at
+    cost, fitted = w @ w / 2 + eta / 2 * e @ e, features @ w
+    if reading == "right":
+        return cost - a @ (fitted + b + e - y)
+    if reading == "over all terms":
+        return cost - (a * fitted + b + e - y).sum()
+    return cost - a @ fitted + b + (e - y).sum()
 
 
 def _features(X: Array) -> Array:
