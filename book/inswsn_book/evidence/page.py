@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 # {name:form}; behind a role there is a text, and before the group of a formula a command or a sign
 _GAP = re.compile(r"(?<=(.))?\{([a-z]\w*)((?::[^{}]*)?)\}(?!`)", re.S)
+# what a call may say of a quantity beside its name and value, which come first
+_FIELDS = Quantity.model_fields.keys() - {"name", "value"}
 _OF_FORMULA = re.compile(r"[\w^_}]")
 
 
@@ -86,7 +88,7 @@ class EvidenceRecord(ChapterRecord):
         the rest fills gaps. A number derived from printed cells has its interval with it.
         """
         said = self._said("quantities", name)
-        fields = {key: given.pop(key) for key in [*given] if key in Quantity.model_fields}
+        fields = {key: given.pop(key) for key in [*given] if key in _FIELDS}
         fields = self._words.usual.model_dump() | said.model_dump(exclude_none=True) | fields
         if said.tolerance is not None and said.share is None:
             fields["share"] = 0.0  # one that is given stands in the place of both
