@@ -18,7 +18,7 @@ WORDS = """
 usual: {basis: simulation, tolerance: 1.0e-6, share: 1.0e-3}
 quantities:
   speed: {unit: m/s, how: How fast it goes.}
-  "area{a}.error": {unit: m, basis: printed, tolerance: 0.5, how: "Error of {name} in area {a}, {far:.1f} m."}
+  "area{a}.error": {unit: m, basis: printed, tolerance: 0.5, how: "{name}, area {a}, {far:.1f} m."}
   any: {how: What has its unit from the call.}
 sentences:
   slow: "The car is slower than {limit} m/s, $v_{\\\\infty}$."
@@ -47,7 +47,7 @@ def test_a_number_has_what_is_said_of_it_and_what_is_usual(record: EvidenceRecor
 def test_a_tolerance_that_is_said_stands_in_the_place_of_both(record: EvidenceRecord) -> None:
     record.keep("area{a}.error", Derived(1.5, span(1.0, 2.0)), a=1, far=2.04, name="KF")
     (error,) = record.results().quantities
-    assert (error.name, error.how) == ("area1.error", "Error of KF in area 1, 2.0 m.")
+    assert (error.name, error.how) == ("area1.error", "KF, area 1, 2.0 m.")
     assert (error.value, error.interval) == (1.5, (1.0, 2.0))
     assert (error.tolerance, error.share) == (0.5, 0.0)
 
