@@ -88,6 +88,7 @@
   let due;
   function later() {
     clearTimeout(due);
+    delete document.documentElement.dataset.measured;
     due = setTimeout(measure, 350); // after the theme's, which waits 300 ms
   }
   window.addEventListener("load", () => {

@@ -6,7 +6,7 @@ import ast
 import symtable
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
+from difflib import SequenceMatcher, get_close_matches
 from functools import cached_property
 from typing import Any
 
@@ -166,8 +166,27 @@ class Part:
     quantities: frozenset[str]
 
 
+def aligned(published: Mapping[int, str], cells: Mapping[int, str]) -> dict[int, int]:
+    """Return where the cells of a published chapter stand in it today, by their places.
+
+    Cells that are gone have no place; an edited one has that of what stands where it stood.
+    """
+    before, now = list(published), list(cells)
+    texts = list(published.values()), list(cells.values())
+    places: dict[int, int] = {}
+    for what, i, end, j, last in SequenceMatcher(None, *texts, autojunk=False).get_opcodes():
+        if what in ("equal", "replace"):
+            places |= {before[end - 1 - k]: now[max(last - 1 - k, j)] for k in range(end - i)}
+    return places
+
+
 def alone(
-    source: str, name: str, asked: str, places: Mapping[str, str], claims: Iterable[Claim]
+    source: str,
+    name: str,
+    asked: str,
+    places: Mapping[str, str],
+    claims: Iterable[Claim],
+    published: Mapping[int, str] | None = None,
 ) -> Part:
     """Return the part of a chapter that has the parameters and the cells asked for alone.
 
@@ -182,6 +201,8 @@ def alone(
         The id of the cell that records each quantity; its last part is the place of the cell.
     claims : iterable of Claim
         Those that the chapter decides.
+    published : mapping of int to str, optional
+        The code of the cells to which `places` refer, by place, if the chapter has been edited.
 
     Raises
     ------
@@ -193,7 +214,10 @@ def alone(
     cells = [Cell(notebook.cells[i].source) for i in code]
     decided = {c.id: c.check.quantity for c in claims if isinstance(c.check, QuantityCheck)}
     quantity = decided.get(asked, asked)
-    at = {each: code.index(int(cell.rpartition("-")[2])) for each, cell in places.items()}
+    now = {i: notebook.cells[i].source for i in code}
+    today = aligned(published or now, now)
+    numbers = {each: today.get(int(cell.rpartition("-")[2])) for each, cell in places.items()}
+    at = {each: code.index(i) for each, i in numbers.items() if i is not None}
     labels = {
         word.value: place
         for place, cell in enumerate(cells)

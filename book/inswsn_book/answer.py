@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,12 +16,16 @@ from inswsn_book.compare import (
     pair_quantities,
 )
 from inswsn_book.cores import asked_schema
+from inswsn_book.judging import plain
 from inswsn_book.ledger import LEDGER, Claim, QuantityCheck, claims_of, load_claims
+from inswsn_book.notebooks import read_notebook
 from inswsn_book.parameters import Schema, Value
 from inswsn_book.progress import Progress
-from inswsn_book.project import Project
+from inswsn_book.project import Chapter, Project
+from inswsn_book.provenance import edited
 from inswsn_book.results import Quantity, Results
 from inswsn_book.running import (
+    COMPARISON,
     REPORT,
     chapter_with,
     gather_parameters,
@@ -39,8 +42,9 @@ from inswsn_lib.files import read_text
 MOST, WIDTH = 8, 160
 #: Seconds of a published run from which a quick one is offered
 LONG = 60
+# where the page of a run is, without --html and with it
+_PAGE = ("page with --html, ", "page html/chapters/{}.html, ")
 _ZERO = 1e-5  # per cent that are told as none: less than a solver's accuracy
-_FORMULAS = {r"\infty": "∞", r"\gamma": "γ", "_∞": "∞", r"\mathrm": "", "$": "", "{": "", "}": ""}
 
 
 def ask(
@@ -67,12 +71,17 @@ def ask(
     schema = asked_schema(project.root, chapter, every)
     values = gather_parameters(schema, settings, file, project.root / "data")
     before, request = reference_results(project, chapter.id), Request(chapter.id, values)
-    claims = claims_of(load_claims(project.root / LEDGER), chapter.id)
+    every_claim = load_claims(project.root / LEDGER)
+    claims = claims_of(every_claim, chapter.id)
     part: Part | None = None
     if only is not None:
-        if quick:
-            raise ParameterError("--only", "given with --quick", "left out: that runs no cell")
-        part = alone(read_text(chapter.source), chapter.id, only, before.cells, claims)
+        for flag, of in (("quick", "runs no cell"), ("html", "needs all cells")):
+            if quick if flag == "quick" else how["html"]:
+                raise ParameterError("--only", f"given with --{flag}", f"without it, which {of}")
+        _refuse_elsewhere(every_claim, only, chapter.id)
+        published = published_cells(chapter)
+        source = read_text(chapter.source)
+        part = alone(source, chapter.id, only, before.cells, claims, published)
         request = replace(request, overlay={f"chapters/{chapter.name}.md": part.source})
     if quick:
         request = quick_request(project.root, chapter, values)
@@ -88,7 +97,7 @@ def ask(
 
     def tell(results: Results, folder: Path) -> tuple[list[str], list[str]]:
         took = results.provenance.seconds if results.provenance else 0
-        asked = question(chapter.id, schema, values)
+        asked = question(chapter.id, schema, values, edited(project.root))
         if request.core:
             runs = [max(q.runs for q in r.quantities) for r in (results, before)]
             lines = [asked, *of_core(headlines, before, results)]
@@ -99,32 +108,51 @@ def ask(
             lines = [
                 asked,
                 *of_part(part.quantities, before, results, claims),
-                places(folder, chapter.name, took, html=how["html"]),
+                places(folder, chapter.name, took),
             ]
             return lines, comparison(part_of(before, results), results, claims)
         lines = [
             asked,
             *findings(headlines, before, results),
             *differences(before, results, claims),
-            places(folder, chapter.name, took, html=how["html"]),
+            places(folder, chapter.name, took, _PAGE[how["html"]]),
         ]
         return lines, comparison(before, results, claims)
 
     with Progress() as progress:
-        folder, lines = run_chapter(project, request, progress, tell, **how)
+        folder, lines = run_chapter(project, request, progress, tell, only=only, **how)
     report = folder / REPORT
     if report.is_file() and own_data(schema, values):
         lines = [f"The run is in {folder}", report.read_text(encoding="utf-8").rstrip()]
     yield from lines
 
 
-def question(chapter: str, schema: Schema, values: Mapping[str, Value]) -> str:
-    """Return what was asked: the chapter, and each value beside the published one, with units."""
+def published_cells(chapter: Chapter) -> dict[int, str]:
+    """Return the code of a chapter's cells as it was published, by place: that of its twin."""
+    twin = chapter.source.with_suffix(".ipynb")
+    cells = read_notebook(read_text(twin)).cells if twin.is_file() else []
+    numbered = [(cell.id.rpartition("-")[2], cell) for cell in cells if cell.cell_type == "code"]
+    return {int(number): cell.source for number, cell in numbered if number.isdecimal()}
+
+
+def _refuse_elsewhere(claims: Iterable[Claim], name: str, chapter: str) -> None:
+    """Refuse a claim that another chapter decides, or none."""
+    for claim in claims:
+        if claim.id == name and claim.chapter != chapter:
+            by = f"chapter {claim.chapter} decides it" if claim.chapter else "it cannot be tested"
+            raise ParameterError("--only", name, f"a claim that {chapter} decides; {by}")
+
+
+def question(
+    chapter: str, schema: Schema, values: Mapping[str, Value], changed: Sequence[str] = ()
+) -> str:
+    """Return what was asked: the chapter, each value beside the published one, and edited files."""
     asked = [
         f"{name} = {value}{unit_of(schema[name].unit)} (published: {schema[name].default})"
         for name, value in values.items()
     ]
-    return f"{chapter} with {', '.join(asked) or 'its published parameters'}:"
+    edits = _listed(", edited", changed).rstrip(".") if changed else ""
+    return f"{chapter} with {', '.join(asked) or 'its published parameters'}{edits}:"
 
 
 def findings(headlines: Sequence[Headline], before: Results, after: Results) -> list[str]:
@@ -150,16 +178,22 @@ def findings(headlines: Sequence[Headline], before: Results, after: Results) -> 
             continue
         then, now = (_said(v, e, unit) for v, e in zip(values, ends, strict=True))
         lines.append(f"- {words}: {then} -> {now}{_turned(headline.turns, values, ends[1])}")
-    if not headlines:
-        pairs = [pair for pair in pair_quantities(before, after) if pair.beyond_tolerance]
-        pairs = [pair for pair in pairs if value_of(pair.before) != value_of(pair.after)]
-        for pair in pairs[:MOST]:
-            what = pair.after or pair.before
-            said = f"{pair.name} ({what.how.rstrip('.')})" if what else pair.name
-            lines.append(f"- {said}: {value_of(pair.before)} -> {value_of(pair.after)}")
-        if not pairs:
-            lines.append("- No number of this chapter moves by more than its tolerance.")
-    return lines
+    return lines or moved(before, after)
+
+
+def moved(before: Results, after: Results, first: Collection[str] = ()) -> list[str]:
+    """Return a line for each number that moves by more than its tolerance, some of them first."""
+    pairs = [pair for pair in pair_quantities(before, after) if pair.beyond_tolerance]
+    pairs = [pair for pair in pairs if value_of(pair.before) != value_of(pair.after)]
+    pairs.sort(key=lambda pair: pair.name not in first)
+    lines = []
+    for pair in pairs[:MOST]:
+        what = pair.after or pair.before
+        said = f"{pair.name} ({what.how.rstrip('.')})" if what else pair.name
+        lines.append(f"- {said}: {value_of(pair.before)} -> {value_of(pair.after)}")
+    if len(pairs) > MOST:
+        lines.append(f"- and {len(pairs) - MOST} more numbers, which {COMPARISON} has")
+    return lines or ["- No number of this chapter moves by more than its tolerance."]
 
 
 def of_core(headlines: Sequence[Headline], before: Results, after: Results) -> list[str]:
@@ -178,26 +212,38 @@ def part_of(before: Results, after: Results) -> Results:
     """Return of a chapter's results what a part of it has computed again."""
     names = {quantity.name for quantity in after.quantities}
     kept = [quantity for quantity in before.quantities if quantity.name in names]
-    sentences = {said: held for said, held in before.sentences.items() if said in after.sentences}
-    return before.model_copy(update={"quantities": tuple(kept), "sentences": sentences})
+    update: dict[str, Any] = {"quantities": tuple(kept)}
+    for field in ("sentences", "tables", "solvers", "data"):
+        again = getattr(after, field)
+        update[field] = {key: x for key, x in getattr(before, field).items() if key in again}
+    return before.model_copy(update=update)
 
 
 def of_part(
     names: Collection[str], before: Results, after: Results, claims: Sequence[Claim]
 ) -> list[str]:
-    """Return a line for each claim that the quantities asked for decide, and for what changed."""
+    """Return what becomes of the claims that the quantities asked for decide, and what changed."""
     own = [c for c in claims if isinstance(c.check, QuantityCheck) and c.check.quantity in names]
     before = part_of(before, after)
     then, now = ({j.claim.id: j for j in verdicts(own, [each])} for each in (before, after))
     lines = []
     for claim in own:
         old, new = then[claim.id], now[claim.id]
-        turned = "" if old.verdict == new.verdict else f" (published: {old.words})"
-        held = f"the paper {new.published_text}, here {value_of(new.quantity)}"
-        lines.append(f"- {claim.id}: {held}: {new.words}{turned}")
-    made = {quantity.name for quantity in after.quantities} - {*names}
-    others = [c for c in claims if isinstance(c.check, QuantityCheck) and c.check.quantity in made]
-    return lines + findings([], before, after) + differences(before, after, others)
+        numbers = f"published {value_of(old.quantity)}, now {value_of(new.quantity)}"
+        turned = ", as published" if old.verdict == new.verdict else f" (published: {old.words})"
+        lines += [
+            f"- {claim.id}: holds if {new.published_text}; {numbers}: {new.words}{turned}",
+            *([f"  It assumes: {plain(claim.assumption)}"] if claim.assumption else []),
+        ]
+    made = {quantity.name for quantity in after.quantities}
+    judged = [c for c in claims if isinstance(c.check, QuantityCheck) and c.check.quantity in made]
+    cells = {after.cells.get(name) for name in names}
+    near = [name for name, cell in after.cells.items() if cell in cells]
+    rest = [q for q in after.quantities if q.name not in names or not own]
+    others = after.model_copy(update={"quantities": tuple(rest)})
+    if rest:
+        lines += moved(part_of(before, others), others, near)
+    return lines + differences(before, after, judged, " computed here")
 
 
 def _turned(turns: float | None, values: Sequence[float], ends: tuple[float, float] | None) -> str:
@@ -208,7 +254,9 @@ def _turned(turns: float | None, values: Sequence[float], ends: tuple[float, flo
     return f"; the conclusion turns at {turns:g}" if turned else ""
 
 
-def differences(before: Results, after: Results, claims: Sequence[Claim]) -> list[str]:
+def differences(
+    before: Results, after: Results, claims: Sequence[Claim], which: str = ""
+) -> list[str]:
     """Return a line on sentences that are no longer true, and one on verdicts that flip."""
     untrue = [
         said.removeprefix("sentences: ").removesuffix(": True -> False")
@@ -219,25 +267,17 @@ def differences(before: Results, after: Results, claims: Sequence[Claim]) -> lis
         f"{claim.id} ({old.words if old else 'none'} -> {new.words if new else 'none'})"
         for claim, old, new in flipped_verdicts(claims, before, after)
     ]
-    said = f"{len(untrue)} of {len(before.sentences)} sentences are no longer true"
-    verdicts = [_listed(f"{len(flips)} of {len(claims)} verdicts differ", flips)] if claims else []
-    return [_listed(said, untrue), *verdicts]
+    said = f"{len(untrue)} of {len(before.sentences)} sentences{which} are no longer true"
+    told = f"{len(flips)} of {len(claims)} verdicts{which} differ"
+    return [_listed(said, untrue), *([_listed(told, flips)] if claims else [])]
 
 
-def places(folder: Path, name: str, seconds: float, *, html: bool) -> str:
+def places(folder: Path, name: str, seconds: float, page: str = "") -> str:
     """Return a line that tells how long it took, and where everything is."""
-    page = f"page html/chapters/{name}.html" if html else "page with --html"
     return (
-        f"It took {seconds:.0f} s. In {folder}: notebook {name.rpartition('/')[2]}.ipynb, {page}, "
-        "all that differs in comparison.txt."
+        f"It took {seconds:.0f} s. In {folder}: notebook {name.rpartition('/')[2]}.ipynb, "
+        f"{page.format(name)}all that differs in {COMPARISON}."
     )
-
-
-def plain(text: str) -> str:
-    """Return a text without the marks of formulas."""
-    for mark, sign in _FORMULAS.items():
-        text = text.replace(mark, sign)
-    return re.sub(r"\\(\w+)", r"\1", text)
 
 
 def _listed(said: str, entries: Sequence[str]) -> str:

@@ -205,6 +205,7 @@ def compare(root: Path | None, before: Path, after: Path) -> None:
 
     For example: inswsn compare data/published/p1-training.json results/p1-training.json
     """
+    from inswsn_book.answer import part_of
     from inswsn_book.compare import comparison
     from inswsn_book.ledger import LEDGER, claims_of, load_claims
     from inswsn_book.results import read_results
@@ -216,14 +217,21 @@ def compare(root: Path | None, before: Path, after: Path) -> None:
             "two runs of one chapter can be compared."
         )
     claims = claims_of(load_claims(_project(root).root / LEDGER), first.chapter)
+    parts = [r.provenance.only for r in (first, second) if r.provenance and r.provenance.only]
+    if parts:
+        first, second = part_of(first, second), part_of(second, first)
+        click.echo(f"Compared is what both hold, since one is a run of a part: --only {parts[0]}.")
     click.echo("\n".join(comparison(first, second, claims)))
 
 
 @cli.command()
+@click.argument("name", metavar="[ID]", required=False)
 @click.option("--paper", help="Only claims of this paper: P1, P2 or P3.")
 @click.option("--kind", help="Only claims of this kind, such as numeric.")
 @click.option(
-    "--verdict", help="Only claims with this verdict, such as 'not reproduced', assumed or not."
+    "--verdict",
+    help="Only claims with this verdict, such as 'not reproduced'; 'not reproduced under a stated "
+    "assumption' has only those that rest on one.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print a list of objects, for a program.")
 @click.option("--results", type=_FOLDER, help="Results files to use before data/published.")
@@ -232,28 +240,31 @@ def compare(root: Path | None, before: Path, after: Path) -> None:
 def claims(
     root: Path | None,
     /,
+    name: str | None,
     as_json: bool,
     results: Path | None,
     against: Path | None,
     **wanted: str | None,
 ) -> None:
-    """Print what the papers claim and what became of it.
+    """Print what the papers claim and what became of it; of one claim, all that is known.
 
-    For example: inswsn claims --paper P1 --kind formula
+    For example: inswsn claims P1-Z-01
     """
     from inswsn_book import judging
     from inswsn_book.compare import differing
 
-    if against is not None and (as_json or any(wanted.values())):
-        alone = "given without --paper, --kind, --verdict and --json"
+    if against is not None and (as_json or name or any(wanted.values())):
+        alone = "given without an ID, --paper, --kind, --verdict and --json"
         raise ParameterError("--against", Described("with them"), alone)
-    selected = judging.judge_claims(_project(root), results, **wanted)
+    selected = judging.judge_claims(_project(root), results, name, **wanted)
     if against is not None:
         now = {entry.claim.id: entry.words for entry in selected}
         for line in differing(judging.read_verdicts(against), now):
             click.echo(line)
     elif as_json:
         click.echo(judging.verdicts_text(selected))
+    elif name:
+        click.echo(judging.entry_text(selected[0]))
     else:
         judging.show_claims(selected)
 

@@ -33,6 +33,17 @@ def repository_state(root: Path) -> tuple[str | None, bool | None]:
     return commit, _git(root, "status", "--porcelain") == ""
 
 
+def edited(root: Path) -> list[str]:
+    """Return the paths of what computes, or is computed from, and is not as it was committed.
+
+    There is none outside a git checkout.
+    """
+    if repository_state(root)[0] is None:
+        return []
+    which = ("chapters/*.md", "inswsn_lib", "book/inswsn_book/evidence", "data")
+    return (_git(root, "diff", "--name-only", "HEAD", "--", *which) or "").split()
+
+
 def _git(root: Path, *words: str) -> str | None:
     try:
         done = subprocess.run(

@@ -55,7 +55,9 @@ class ChapterRecord:
         if missing:
             raise InswsnError(f"Chapter {chapter} keeps no record of its parameter {missing[0]}.")
         #: Their values
-        self.parameters = self.schema.check({n: parameters[n] for n in self.schema.defaults})
+        self.parameters: dict[str, Any] = self.schema.check(
+            {n: parameters[n] for n in self.schema.defaults}
+        )
         self._data: dict[str, str] = {}
         self._quantities: dict[str, Quantity] = {}
         self._sentences: dict[str, bool] = {}

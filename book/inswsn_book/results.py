@@ -82,6 +82,7 @@ class Provenance(Frozen):
     packages: dict[str, str]  # that compute, with their versions
     # studies of recordings by their files in data/: computed in this run, or taken as they are kept
     studies: dict[str, bool] = {}
+    only: str | None = None  # the part of the chapter that was run; None for all of it
     functions: dict[str, float] = {}  # those that took most of its seconds
 
 

@@ -19,7 +19,7 @@ from pydantic import Field, ValidationError
 
 from inswsn_book.ledger import Claim, QuantityCheck
 from inswsn_book.results import Finite, Frozen, Name, Quantity, Results, first_problem
-from inswsn_book.verdicts import Judged, Read, Verdict, verdicts
+from inswsn_book.verdicts import Judged, Named, Read, Verdict, verdicts
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_yaml
 
@@ -330,6 +330,22 @@ def with_readings(
                 new = Read(f"{question.id}: {reading.name}", other.words, other.verdict.holds)
                 read.setdefault(now.claim.id, [own]).append(new)
     return [replace(entry, readings=tuple(read.get(entry.claim.id, ()))) for entry in judged]
+
+
+def with_entries(judged: Sequence[Judged], entries: Sequence[Question | Erratum]) -> list[Judged]:
+    """Return the claims with the readings and errata that name them."""
+    named = [(Named(e.id, e.anchor, e.title), e.claims) for e in entries]
+    return [
+        replace(
+            entry,
+            hangs_on=tuple(
+                name
+                for name, patterns in named
+                if any(fnmatchcase(entry.claim.id, pattern) for pattern in patterns)
+            ),
+        )
+        for entry in judged
+    ]
 
 
 # Reading the files

@@ -18,12 +18,14 @@ from inswsn_book.files import (
     made_folder,
     remove_left,
     text_digest,
+    tree_digest,
     write_whole,
 )
 from inswsn_book.notebooks import with_answer
 from inswsn_book.parameters import Parameter, Schema, Value, chapter_schema
 from inswsn_book.progress import Progress
 from inswsn_book.project import Chapter, Project
+from inswsn_book.provenance import edited
 from inswsn_book.results import Results, write_results
 from inswsn_book.site import check_pages, render_book, render_run
 from inswsn_lib.errors import Described, InswsnError, ParameterError
@@ -118,8 +120,9 @@ def run_chapter(
     out: Path | None = None,
     html: bool = False,
     fresh: bool = False,
+    only: str | None = None,
 ) -> tuple[Path, list[str]]:
-    """Run a chapter and write what comes of it to a folder of its own, whole or not at all.
+    """Run a chapter, or `only` a part, into a folder of its own, whole or not at all.
 
     That is the executed notebook, its results, ``parameters.yml``, what the chapter wrote for its
     reader, and, if asked for, the chapter's page of this run. `tell` gives, of the results and the
@@ -131,10 +134,17 @@ def run_chapter(
     every = schema.check(values).items()
     given = {n: v for n, v in every if n in values or not schema[n].scenario}
     text = yaml.safe_dump(given, sort_keys=False)
-    folder = out or project.root / "runs" / f"{name}-{text_digest(text)[:8]}"
+    # a folder for each thing that is asked, of a checkout as it is
+    changed = [p for p in map(project.root.joinpath, edited(project.root)) if p.is_file()]
+    key = text_digest(text + (only or "") + (tree_digest(project.root, changed) if changed else ""))
+    folder = out or project.root / "runs" / f"{name}-{key[:8]}"
     check_folder(folder)
     done = runs.run(project, request, progress, fresh=fresh)
-    answer, lines = tell(done.results, folder.resolve())
+    results = done.results
+    if only and results.provenance:
+        of_part = results.provenance.model_copy(update={"only": only})
+        results = results.model_copy(update={"provenance": of_part})
+    answer, lines = tell(results, folder.resolve())
     from inswsn_book.pages import plain_notebooks  # noqa: PLC0415  # takes long
 
     files = {"parameters.yml": text, "answer.txt": "\n".join([*answer, ""]), **done.files}
@@ -144,7 +154,7 @@ def run_chapter(
     with made_folder(folder) as made:
         for written, content in files.items():
             write_whole(made / written, content)
-        write_results(done.results, made / f"{number}.json")
+        write_results(results, made / f"{number}.json")
         if html:
             progress.say(f"{name}: rendering its page")
             page = replace(done, notebook=with_answer(done.notebook or "", answer))

@@ -70,6 +70,14 @@ class Earlier(NamedTuple):
     verdict: str
 
 
+class Named(NamedTuple):
+    """A reading or an erratum that names a claim: its id, its place in the book, its title."""
+
+    id: str
+    anchor: str
+    title: str
+
+
 class Read(NamedTuple):
     """A claim by one reading of its paper: the reading, and the verdict in words."""
 
@@ -90,12 +98,19 @@ class Judged:
     cell: str | None = None  # that recorded the quantity
     readings: tuple[Read, ...] = ()  # the one that decides first; none if no other is computed
     earlier: tuple[Earlier, ...] = ()  # releases in which the verdict was another one
+    hangs_on: tuple[Named, ...] = ()  # readings and errata that name it
 
     @property
     def assumed(self) -> bool:
         """Whether the verdict rests on an assumption; what was put in or not tested has none."""
         tested = self.verdict.counts and self.verdict is not Verdict.UNTESTABLE
         return tested and self.claim.assumption is not None
+
+    @property
+    def printed_within(self) -> bool:
+        """Whether the number that is printed lies in the interval of the quantity."""
+        low, high = (self.quantity and self.quantity.interval) or (math.nan, math.nan)
+        return low <= float(str(self.claim.value)) <= high
 
     @property
     def words(self) -> str:
@@ -166,7 +181,7 @@ class Judged:
         printed = self.claim.model_dump(include={"value", "unit", "tolerance"})
         fields = {"value", "unit", "interval", "basis", "runs"}
         return {
-            **self.claim.model_dump(include={"id", "paper", "place", "kind"}),
+            **self.claim.model_dump(include={"id", "paper", "place", "kind", "says", "why"}),
             "published": printed | {"interval": ends},
             "rebuilt": self.quantity and self.quantity.model_dump(include=fields),
             "verdict": self.words,
@@ -174,6 +189,7 @@ class Judged:
             "readings": [{"name": r.name, "verdict": r.verdict} for r in self.readings],
             "holds_in": list(self.holds_in) if self.readings else None,
             "flips": self.flips,
+            "hangs_on": [named.id for named in self.hangs_on],
             "earlier": {earlier.version: earlier.verdict for earlier in self.earlier},
             "reason": self.reason,
             "chapter": self.claim.chapter,
@@ -341,10 +357,11 @@ def judge_rebuilt(
     the claim stands for may be infinite. The width of the rebuilt interval is measured by the
     published number, `reference`.
     """
+    what = "whole rebuilt interval" if rebuilt[0] < rebuilt[1] else "rebuilt number"
     if published[0] <= rebuilt[0] <= rebuilt[1] <= published[1]:
-        return Verdict.REPRODUCED, "The whole rebuilt interval lies within the tolerance."
+        return Verdict.REPRODUCED, f"The {what} lies within the tolerance."
     if rebuilt[1] < published[0] or published[1] < rebuilt[0]:
-        return Verdict.NOT_REPRODUCED, "The whole rebuilt interval lies outside the tolerance."
+        return Verdict.NOT_REPRODUCED, f"The {what} lies outside the tolerance."
     if _too_wide(rebuilt, reference):
         return Verdict.NOT_DECIDED, (
             "The rebuilt interval reaches over an end of the tolerance and is wider than a "

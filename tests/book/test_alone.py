@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import builtins
+import subprocess
 from collections.abc import Callable, Mapping
 
 import pytest
-from conftest import Done, MiniProject
-from inswsn_book.alone import Cell, alone, needed
+from conftest import Command, Done, MiniProject
+from inswsn_book.alone import Cell, aligned, alone, needed
+from inswsn_book.answer import published_cells
 from inswsn_book.ledger import LEDGER, QuantityCheck, claims_of, load_claims
 from inswsn_book.parameters import read_myst
 from inswsn_book.project import Project
@@ -57,7 +59,8 @@ def test_each_claim_has_a_part_that_takes_nothing_from_elsewhere(
     cells = len(read_myst(source, chapter).cells)
     checked = [c for c in claims if isinstance(c.check, QuantityCheck)]
     of_cell = {places[c.check.quantity]: c.id for c in checked}  # one of those it decides
-    parts = [alone(source, chapter, claim, places, claims) for claim in of_cell.values()]
+    twin = published_cells(project.find(chapter))
+    parts = [alone(source, chapter, claim, places, claims, twin) for claim in of_cell.values()]
     assert len(parts) > 1
     for part in parts:
         bound: set[str] = {*dir(builtins), "__name__", "display"}
@@ -69,6 +72,13 @@ def test_each_claim_has_a_part_that_takes_nothing_from_elsewhere(
         assert all(cell.later <= bound for cell in (Cell(each.source) for each in kept))
 
 
+def test_cells_of_an_edited_chapter_are_those_that_were_published() -> None:
+    published = {2: "a = 1", 3: "b = a", 5: "keep(b)", 7: "gone()"}
+    edited = {2: "import x", 4: "a = 2", 5: "b = a", 6: "c = 0", 8: "keep(b)"}
+    assert aligned(published, edited) == {2: 4, 3: 5, 5: 8}
+    assert aligned(published, published) == {place: place for place in published}
+
+
 def test_the_claim_that_is_asked_for_is_told(
     built: MiniProject, inswsn: Callable[..., Done]
 ) -> None:
@@ -76,12 +86,40 @@ def test_the_claim_that_is_asked_for_is_told(
     built.chapter("raise SystemExit('a cell that the claim does not need')")
     done = inswsn(built.root, "run", "00", "--only", "P1-M-twice", "-p", "scale=3")
     assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[:3] == [
+    *answer, where = done.stdout.splitlines()
+    assert answer == [
         "00 with scale = 3.0 (published: 2.0):",
-        "- P1-M-twice: the paper 42 (41.5 to 42.5) m, here 63 m: contradicted by the paper itself "
-        "(published: adds up in print)",
-        "- twice (The number in the file, scaled): 42 m -> 63 m",
+        "- P1-M-twice: holds if 42 (41.5 to 42.5) m; published 42 m, now 63 m: contradicted by the "
+        "paper itself (published: adds up in print)",
+        "0 of 0 sentences computed here are no longer true.",
+        "1 of 1 verdicts computed here differ: P1-M-twice (adds up in print -> contradicted by the "
+        "paper itself).",
     ]
+    assert "--html" not in where
+    (folder,) = (built.root / "runs").iterdir()
+    by_part = inswsn(built.root, "claims", "P1-M-twice", "--results", str(folder))
+    assert "Found: 63 m" in by_part.stdout
+    whole = inswsn(built.root, "compare", "data/published/00.json", str(folder / "00.json"))
+    assert whole.stdout.startswith("Compared is what both hold, since one is a run of a part")
+    assert "1 of 1 quantities changed" in whole.stdout
+    refused = inswsn(built.root, "run", "00", "--only", "P1-M-twice", "--html")
+    assert (refused.returncode, "--html" in refused.stderr) == (2, True)
+    # a run of the whole chapter goes to a folder of its own, and so does one of an edited checkout
+    assert inswsn(built.root, "run", "00", "--fresh", "-p", "scale=3").returncode != 0
+    assert [*(built.root / "runs").iterdir()] == [folder]
+
+
+def test_a_run_of_an_edited_checkout_says_so(built: MiniProject, inswsn: Command) -> None:
+    assert inswsn(built.root, "publish").returncode == 0
+    for words in (["init", "-q"], ["add", "."], ["commit", "-qm", "as it was"]):
+        who = ["-c", "user.name=a", "-c", "user.email=a@b"]
+        subprocess.run(["git", "-C", str(built.root), *who, *words], check=True)
+    clean = inswsn(built.root, "run", "00", "--only", "P1-M-twice").stdout
+    built.chapter("# nothing\n")
+    edited = inswsn(built.root, "run", "00", "--only", "P1-M-twice").stdout
+    assert clean.startswith("00 with its published parameters:")
+    assert edited.startswith("00 with its published parameters, edited: chapters/00-mini.md:")
+    assert len([*(built.root / "runs").iterdir()]) == 2
 
 
 def test_a_name_that_is_nowhere_is_refused_with_the_nearest(

@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from inswsn_book.answer import MOST, WIDTH, differences, findings, of_core, plain
+from inswsn_book.answer import MOST, WIDTH, differences, findings, of_core
 from inswsn_book.assumptions import Headline, load_assumptions, quick_request
 from inswsn_book.cores import asked_schema, changed_scenarios, evidence_of
+from inswsn_book.judging import plain
 from inswsn_book.project import Project
 from inswsn_book.results import Results
 from inswsn_book.running import chapter_with
@@ -50,7 +51,8 @@ def test_findings_are_told_then_and_now() -> None:
 def test_a_chapter_without_headlines_tells_what_moved_most_a_few() -> None:
     many = {f"q{i}": float(i) for i in range(20)}
     told = findings([], made(None, **many), made(None, **{name: v + 1 for name, v in many.items()}))
-    assert len(told) == MOST
+    assert len(told) == MOST + 1
+    assert told[-1] == f"- and {20 - MOST} more numbers, which comparison.txt has"
     assert findings([], made(a=1.0), made(a=1.001)) == [
         "- No number of this chapter moves by more than its tolerance."
     ]

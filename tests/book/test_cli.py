@@ -63,7 +63,7 @@ MISTAKES = {
     "claims --paper P4": "--paper must be one of P1, P2, P3, not 'P4'.",
     "claims --results nowhere": "nowhere",
     "claims --results chapters": "by chapter 00, of which there are no results.",
-    "claims --against other.json --json": "without --paper, --kind, --verdict and --json",
+    "claims --against other.json --json": "without an ID, --paper, --kind, --verdict and --json",
     "run 00 -f /dev/zero": "/dev/zero is not a regular file.",
     "compare /dev/zero empty.json": "/dev/zero is not a regular file.",
     "compare empty.json other.json": "two runs of one chapter can be compared",

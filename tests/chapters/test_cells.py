@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +16,12 @@ EVIDENCE = sorted(Path(__file__).parents[2].glob("chapters/evidence/[a-z]*.md"))
 _OURS = "lint.isort.known-first-party=['inswsn_lib', 'inswsn_book']"
 # a script has what a module has not: names at its top that change, and imports where they are used
 _OF_SCRIPTS = "D,E402,I001,N816,B018"
+_ONE_OF = re.compile(r"^(\w+): str = (.*?)  # 1; one of (.+)$")
+
+
+def _literal(found: re.Match[str]) -> str:
+    name, rest, words = found.groups()
+    return f"{name}: Literal{words.split(', ')} = {rest}"
 
 
 def scripts(folder: Path) -> list[Path]:
@@ -26,6 +34,10 @@ def scripts(folder: Path) -> list[Path]:
             code = line.startswith("```{code-cell}") or (code and not fence)
             lines.append(line if code and not fence and not line.startswith(":tags:") else "")
         name = path.stem.replace("-", "_")
+        # what a parameter may be stands in its comment
+        lines = [_ONE_OF.sub(_literal, line) for line in lines]
+        if any(": Literal[" in line for line in lines):
+            lines[0] = "from typing import Literal"  # in front of the chapter's title
         (folder / "chapter_cells" / f"{name}.py").write_text("\n".join(lines), encoding="utf-8")
     return sorted((folder / "chapter_cells").iterdir())
 
@@ -45,4 +57,16 @@ def test_the_linter_has_nothing_to_say_of_cells(root: Path, tmp_path: Path) -> N
     words += ["--line-length", str(COLUMNS), "--ignore", _OF_SCRIPTS, "--no-cache"]
     command = [sys.executable, "-m", "ruff", "check", *words, *map(str, scripts(tmp_path))]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_mypy_has_nothing_to_say_of_cells(root: Path, tmp_path: Path) -> None:
+    """Functions of cells have no types of their own; what they and the cells call has."""
+    scripts(tmp_path)
+    looked_for = {"MYPYPATH": os.pathsep.join([str(tmp_path), str(root / "book")])}
+    words = ["--allow-untyped-defs", "--allow-untyped-calls", "-p", "chapter_cells"]
+    command = [sys.executable, "-m", "mypy", *words]
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, cwd=root, env=os.environ | looked_for
+    )
     assert done.returncode == 0, done.stdout + done.stderr

@@ -86,6 +86,8 @@ AS_IT_WAS = """() => {
   });
 }"""
 
+# access.js waits after each change of size, as the theme does
+MEASURED = "() => Number(document.documentElement.dataset.measured) === window.innerWidth"
 # as access.js says it: what scrolls sideways is a tab stop
 REACHABLE = """() => [...document.querySelectorAll(
     ".bd-content figure, .bd-content pre, .bd-content .pst-scrollable-table-container")]
@@ -190,7 +192,7 @@ def text_is_read_without_sideways_scrolling(page: Page, name: str) -> None:
           box.classList.add("opened");
         })"""
     )
-    page.wait_for_function("document.documentElement.dataset.measured === '320'")
+    page.wait_for_function(MEASURED)
     settled(page)
     assert page.evaluate(WIDTH) <= 320, name
     assert page.evaluate(TEXT_OUTSIDE) == [], name
@@ -209,7 +211,8 @@ def axe_finds_nothing(page: Page, name: str) -> None:
     for theme, width, rules in SCREENS:
         page.set_viewport_size({"width": width, "height": 900})
         set_theme(page, theme)
-        page.wait_for_function(REACHABLE)
+        page.wait_for_function(MEASURED)
+        assert page.evaluate(REACHABLE), f"{name}, {theme}, {width} px"
         assert page.evaluate(WIDTH) <= width, f"{name}, {theme}"
         for options in rules:
             assert page.evaluate(RUN_AXE, options) == [], f"{name}, {theme}, {width} px"

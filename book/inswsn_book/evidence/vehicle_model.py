@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -242,14 +242,18 @@ class Epoch:
         self._noise = np.concatenate([[believed.compass**2, believed.lateral**2], *gps])
         self.prior = np.zeros((len(self._rows), 15)), states.covariance[epoch - 1]
 
-    def updated(self, x: Array, P: Array, part: slice, without: slice = slice(0)) -> list[Array]:
+    def updated(
+        self, prior: tuple[Array, Array], part: slice, without: slice = slice(0)
+    ) -> tuple[Array, Array]:
         """Return an estimate and its covariance after some measurements, some of them left out."""
         used = self._used.copy()
         used[:, without] = False
         rows, noise = self._rows[:, part], self._noise[part]
-        return [*sequential_update(x, P, self._innovation[:, part], rows, noise, used[:, part])[:2]]
+        innovation = self._innovation[:, part]
+        x, P, *_ = sequential_update(*prior, innovation, rows, noise, used[:, part])
+        return x, P
 
-    def apart(self, one: list[Array], other: list[Array]) -> float:
+    def apart(self, one: Sequence[Array], other: Sequence[Array]) -> float:
         """Return the largest difference in standard deviations of the prior."""
         size = np.sqrt(np.diagonal(self.prior[1], axis1=1, axis2=2))
         sizes = size, size[:, :, None] * size[:, None, :]
