@@ -134,6 +134,16 @@ def test_the_tight_filter_takes_ranges_one_by_one(walk: Ladder) -> None:
     assert len(solution.innovations[0].time) > 5 * len(walk.fixes)
 
 
+def test_a_filter_is_tuned_by_no_error_after_the_split(walk: Ladder) -> None:
+    reference, later = walk.recording.reference, 0.5
+    assert reference is not None
+    moved = reference.position + later * (reference.time > walk.split + 1)[:, None]
+    recording = replace(walk.recording, reference=replace(reference, position=moved))
+    other = on_fixes(replace(walk, recording=recording))
+    assert (other.truth - walk.truth)[-1, :2] == pytest.approx(later)
+    assert other.tuned("KF") == walk.tuned("KF")
+
+
 def test_what_comes_later_changes_no_causal_answer(walk: Ladder) -> None:
     """But for the scale of the fixes' robust loss."""
     shorter = Ladder(walk.recording.part(end=45.0), share=0.4 * 60 / 45, alignment=10.0, begins=1)
