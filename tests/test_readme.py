@@ -31,7 +31,7 @@ SHORT = {
     "inswsn sweep p1-training": "-p runs=40 -p other_runs=40 --out out",
 }
 # they take a quarter of a minute and more, even so
-LONG = ("inswsn run 2", "inswsn run p1-outages", "inswsn sweep", "papermill chapters")
+LONG = ("inswsn run 2", "inswsn run p1-", "inswsn sweep", "papermill chapters")
 
 
 def started(command: str, starts: tuple[str, ...]) -> str | None:

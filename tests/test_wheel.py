@@ -83,6 +83,7 @@ def needed(requirements: Iterable[str]) -> set[str]:
     return found
 
 
+@pytest.mark.whole
 @pytest.mark.long
 def test_the_example_of_the_readme_runs_by_the_science_alone(
     wheel: tuple[str, list[str], dict[str, str]], root: Path, tmp_path: Path

@@ -139,7 +139,7 @@ def test_a_fresh_build_is_close_to_the_reference(project: Project, built_site: P
         pytest.fail("\n".join([said, *due]), pytrace=False)
 
 
-@pytest.mark.parametrize("at_hand", [True, False])
+@pytest.mark.parametrize("at_hand", [pytest.param(True, marks=pytest.mark.whole), False])
 def test_a_kept_study_that_is_not_the_reference_is_refused_wherever_it_is_built(
     mini: MiniProject, at_hand: bool
 ) -> None:

@@ -70,8 +70,13 @@ def test_a_chapter_is_executed_anew(built: MiniProject, inswsn: Command) -> None
     ("name", "old", "new", "said"),
     [
         ("chapters/00-mini.html", ">42<", ">43<", "00-mini, twice: '43' for '42'"),
-        ("chapters/00-mini.html", "pasted-text", "other", "'0 numbers' for '1 numbers'"),
-        ("claims.html", ": 42 m.", ": 43 m.", "for ': 42 m.'"),
+        pytest.param(
+            *("chapters/00-mini.html", "pasted-text", "other", "'0 numbers' for '1 numbers'"),
+            marks=pytest.mark.whole,
+        ),
+        pytest.param(
+            *("claims.html", ": 42 m.", ": 43 m.", "for ': 42 m.'"), marks=pytest.mark.whole
+        ),
         ("claims.html", "<strong>adds up in print<", "<strong>refuted<", "'adds up"),
     ],
 )

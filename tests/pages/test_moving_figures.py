@@ -28,7 +28,7 @@ BLEND = next(name for name in LESSONS if "/2-" in name)
 OUTAGE = next(name for name in LESSONS if "/4-" in name)
 CAR = next(name for name in LESSONS if "/6-" in name)
 DESKTOP, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
-lessons = pytest.mark.parametrize("name", weekly_but({BLEND, CAR}, LESSONS))
+lessons = pytest.mark.parametrize("name", weekly_but({BLEND}, LESSONS))
 screens = pytest.mark.parametrize("screen", [DESKTOP, PHONE], ids=["desktop", "phone"])
 
 # A slider is moved over many places, and all is drawn each time

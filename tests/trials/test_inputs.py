@@ -508,9 +508,9 @@ def test_inputs(
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     figures = []
     for try_them, count in (
-        (try_files, size(150, 9_000)),
-        (try_parameters, size(50, 2_000)),
-        (try_command_lines, size(50, 2_000)),
+        (try_files, size(80, 9_000)),
+        (try_parameters, size(25, 2_000)),
+        (try_command_lines, size(25, 2_000)),
     ):
         counts = Counts()
         try_them(checkout, Inputs(seed), counts, count)

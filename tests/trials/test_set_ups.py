@@ -147,6 +147,7 @@ def test_spoilt_logs_are_told_by_the_name(
     named: Counter[str] = Counter()
     missed = []
     ways = [way for way in (*spoilers(), *_own()) if (way.file, way.name) in TOLD]
+    ways = ways[:: size(3, 1)]
     for draw in range(seed, seed + size(1, 20)):
         made = {tmp_path / f"{draw} {kind}": make(draw + 5000) for kind, make in MADE_LOGS.items()}
         for whole, right in made.items():
@@ -170,7 +171,7 @@ def test_spoilt_logs_are_told_by_the_name(
     tell(
         f"{sum(named.values())} of {sum(drawn.values())} spoilt logs are told by the name: {rates}"
     )
-    assert len(drawn) >= size(len(TOLD) - 2, len(TOLD)), drawn  # one draw has not all streams
+    assert len(drawn) >= size(len(TOLD) // 3 - 2, len(TOLD)), drawn  # a draw has not all streams
     assert sum(named.values()) >= 0.8 * sum(drawn.values()), missed
     assert all(named[name] >= drawn[name] // 2 for name in drawn), missed
 

@@ -84,7 +84,7 @@ def test_other_surroundings(
 ) -> None:
     chance, began, ends = random.Random(seed), time.monotonic(), Counter[str]()
     stays, wrong = what_stays(Project(built_mini)), []
-    for case in range(number := size(2, 50)):
+    for case in range(number := size(1, 50)):
         place = tmp_path / f"{case}" / chance.choice(PLACES)
         project = Project(shutil.copytree(built_mini, place))
         if blocked := chance.random() < 0.1:  # where results should go lies a file

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from conftest import WHOLE
 from scipy.stats import binom, chi2
 
 from inswsn_lib import ErrorModel
@@ -17,7 +18,7 @@ from inswsn_lib.logs.estimates import innovations_of
 from inswsn_lib.logs.filter_checks import check_outliers, say_noise
 
 N = 1000
-RUNS = 2000
+RUNS = 2000 if WHOLE else 500
 #: False alarms of so many filters at the stated rate; more come once in ten thousand times
 MOST = int(binom.isf(1e-4, RUNS, FALSE_ALARM))
 
@@ -59,7 +60,7 @@ def found_of(filters: Filters, runs: int, factor: float = 1.0) -> dict[str, list
 
 
 def test_a_consistent_filter_fails_a_check_once_in_a_thousand_times(right: Filters) -> None:
-    """Of 2,000, with gaps; errors of neighbouring steps hang together."""
+    """With gaps; errors of neighbouring steps hang together."""
     told = found_of(right, RUNS)
     assert {*told} == {"size", "colour", "whiteness", "errors"}
     for name, fits in told.items():
