@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from inswsn_book.files import write_whole
-from inswsn_book.provenance import machine_facts
+from inswsn_book.record.files import write_whole
+from inswsn_book.record.provenance import machine_facts
 from throughput import best_of
 
 from inswsn_lib.lmi import FilterDesign, design_filter, design_fusion

@@ -23,8 +23,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from fusion import clusters
 from growth_figure import growth_svg
-from inswsn_book.files import write_whole
-from inswsn_book.provenance import machine_facts
+from inswsn_book.record.files import write_whole
+from inswsn_book.record.provenance import machine_facts
 from threadpoolctl import threadpool_limits
 
 from inswsn_lib.evaluation import monte_carlo

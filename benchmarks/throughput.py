@@ -21,8 +21,8 @@ from typing import Any
 import clarabel
 import numpy as np
 import yaml
-from inswsn_book.files import write_whole
-from inswsn_book.provenance import machine_facts
+from inswsn_book.record.files import write_whole
+from inswsn_book.record.provenance import machine_facts
 from peers import PEERS, by_filterpy, installed
 from sklearn.kernel_ridge import KernelRidge
 from sklearn.model_selection import GridSearchCV, LeaveOneOut

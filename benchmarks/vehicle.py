@@ -24,8 +24,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import yaml
-from inswsn_book.files import write_whole
-from inswsn_book.provenance import machine_facts
+from inswsn_book.record.files import write_whole
+from inswsn_book.record.provenance import machine_facts
 from pyins import filters, inertial_sensor, measurements, sim, strapdown, transform
 from pyins.util import DV_COLS, LLA_COLS, RPH_COLS, THETA_COLS, TRAJECTORY_COLS, VEL_COLS
 from throughput import Row, row

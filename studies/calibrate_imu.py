@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from inswsn_book.files import write_whole
+from inswsn_book.record.files import write_whole
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 

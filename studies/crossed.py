@@ -36,10 +36,10 @@ from indices import (
     sobol_places,
     sobol_shares,
 )
-from inswsn_book.assumptions import ASSUMPTIONS, Assumptions, Headline, load_assumptions
-from inswsn_book.files import text_digest, tree_digest, write_whole
-from inswsn_book.project import Project
-from inswsn_book.results import Finite, Frozen, read_results
+from inswsn_book.record.files import text_digest, tree_digest, write_whole
+from inswsn_book.record.project import Project
+from inswsn_book.record.results import Finite, Frozen, read_results
+from inswsn_book.run.assumptions import ASSUMPTIONS, Assumptions, Headline, load_assumptions
 from points import RUNS, SEARCHED, TRIALS, Outputs, outputs_at, published_starts
 from pydantic import Field
 from sensitivity import made_from

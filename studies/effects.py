@@ -9,8 +9,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from inswsn_book.assumptions import Assumption, Assumptions, Headline, Within
-from inswsn_book.review import Findings
+from inswsn_book.judge.review import Findings
+from inswsn_book.run.assumptions import Assumption, Assumptions, Headline, Within
 from matplotlib import pyplot as plt
 from matplotlib.ticker import LogLocator, NullLocator
 from scipy.special import stdtrit

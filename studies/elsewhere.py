@@ -30,15 +30,15 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from inswsn_book.compare import Change, flipped_verdicts, pair_quantities
-from inswsn_book.files import file_digest, text_digest, tree_digest, write_whole
-from inswsn_book.ledger import LEDGER, Claim, claims_of, load_claims
-from inswsn_book.parameters import Value, chapter_schema
-from inswsn_book.progress import Quiet
-from inswsn_book.project import Chapter, Project
-from inswsn_book.provenance import machine_facts, repository_state
-from inswsn_book.results import Frozen, Name, Quantity, Results, read_results
-from inswsn_book.runs import (
+from inswsn_book.judge.ledger import LEDGER, Claim, claims_of, load_claims
+from inswsn_book.record.files import file_digest, text_digest, tree_digest, write_whole
+from inswsn_book.record.parameters import Value, chapter_schema
+from inswsn_book.record.progress import Quiet
+from inswsn_book.record.project import Chapter, Project
+from inswsn_book.record.provenance import machine_facts, repository_state
+from inswsn_book.record.results import Frozen, Name, Quantity, Results, read_results
+from inswsn_book.run.compare import Change, flipped_verdicts, pair_quantities
+from inswsn_book.run.store import (
     Outcome,
     Request,
     Run,

@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from inswsn_book.files import write_whole
+from inswsn_book.record.files import write_whole
 
 from inswsn_lib.logs import INS, REFERENCE, TIME, WSN
 

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from inswsn_book.assumptions import (
+from inswsn_book.record.project import Project
+from inswsn_book.run.assumptions import (
     Alternative,
     Assumption,
     Assumptions,
@@ -20,7 +21,6 @@ from inswsn_book.assumptions import (
     load_schemas,
     load_settings,
 )
-from inswsn_book.project import Project
 
 from inswsn_lib.scenario import Setting
 

@@ -13,9 +13,9 @@ from dataclasses import asdict, dataclass
 from math import exp, log
 from pathlib import Path
 
-from inswsn_book.files import write_whole
-from inswsn_book.results import read_results
-from inswsn_book.review import Findings
+from inswsn_book.judge.review import Findings
+from inswsn_book.record.files import write_whole
+from inswsn_book.record.results import read_results
 from matplotlib import pyplot as plt
 
 from inswsn_lib.files import read_yaml

@@ -12,7 +12,7 @@ from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
-from inswsn_book.results import Finite, Frozen
+from inswsn_book.record.results import Finite, Frozen
 from SALib.analyze import morris as morris_analysis, sobol as sobol_analysis
 from SALib.sample import morris as morris_design, sobol as sobol_design
 

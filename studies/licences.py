@@ -6,7 +6,7 @@ import re
 from importlib.metadata import PackageNotFoundError, metadata
 from pathlib import Path
 
-from inswsn_book.files import write_whole
+from inswsn_book.record.files import write_whole
 
 ROOT = Path(__file__).resolve().parents[1]
 LIST = ROOT / "THIRD-PARTY-PACKAGES.md"

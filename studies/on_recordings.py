@@ -10,8 +10,8 @@ from __future__ import annotations
 import datetime
 from pathlib import Path
 
-from inswsn_book.files import write_whole
-from inswsn_book.provenance import repository_state
+from inswsn_book.record.files import write_whole
+from inswsn_book.record.provenance import repository_state
 
 from inswsn_lib import logs
 from inswsn_lib.navigation import RecordedStudy, write_tables

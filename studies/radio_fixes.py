@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 import pooch
-from inswsn_book.files import file_digest, write_whole
-from inswsn_book.provenance import repository_state
+from inswsn_book.record.files import file_digest, write_whole
+from inswsn_book.record.provenance import repository_state
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation

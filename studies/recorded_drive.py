@@ -15,8 +15,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from inswsn_book.files import write_whole
-from inswsn_book.provenance import repository_state
+from inswsn_book.record.files import write_whole
+from inswsn_book.record.provenance import repository_state
 
 from inswsn_lib.logs import load_drive
 from inswsn_lib.navigation import p3_hybrids, run_recorded_outages

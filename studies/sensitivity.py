@@ -27,7 +27,16 @@ from pathlib import Path
 
 import numpy as np
 from effects import page_of, panels_of, rows_of, tornado_svg
-from inswsn_book.assumptions import (
+from inswsn_book.judge.ledger import LEDGER, claims_of, load_claims
+from inswsn_book.judge.review import Findings
+from inswsn_book.judge.verdicts import verdicts
+from inswsn_book.record.files import file_digest, tree_digest, write_whole
+from inswsn_book.record.parameters import Value
+from inswsn_book.record.progress import Quiet
+from inswsn_book.record.project import Project
+from inswsn_book.record.provenance import machine_facts, repository_state
+from inswsn_book.record.results import Results, read_results
+from inswsn_book.run.assumptions import (
     ASSUMPTIONS,
     Alternative,
     Assumptions,
@@ -37,17 +46,8 @@ from inswsn_book.assumptions import (
     load_settings,
     without_sections,
 )
-from inswsn_book.cores import changed_scenario
-from inswsn_book.files import file_digest, tree_digest, write_whole
-from inswsn_book.ledger import LEDGER, claims_of, load_claims
-from inswsn_book.parameters import Value
-from inswsn_book.progress import Quiet
-from inswsn_book.project import Project
-from inswsn_book.provenance import machine_facts, repository_state
-from inswsn_book.results import Results, read_results
-from inswsn_book.review import Findings
-from inswsn_book.runs import Outcome, Request, Run as ChapterRun, request_key, run_all
-from inswsn_book.verdicts import verdicts
+from inswsn_book.run.cores import changed_scenario
+from inswsn_book.run.store import Outcome, Request, Run as ChapterRun, request_key, run_all
 from study import BASELINE, SENSITIVITY, Made, Run, Study, read_study
 
 from inswsn_lib.errors import InswsnError

@@ -24,9 +24,9 @@ from typing import Annotated, Any, Literal, get_args
 from zlib import crc32
 
 import numpy as np
-from inswsn_book.files import file_digest, write_whole
-from inswsn_book.provenance import repository_state
-from inswsn_book.results import Digest, Finite, Frozen
+from inswsn_book.record.files import file_digest, write_whole
+from inswsn_book.record.provenance import repository_state
+from inswsn_book.record.results import Digest, Finite, Frozen
 from pydantic import Field
 from spoilers import Spoiler, spoilers
 from spoilt_bases import Base, bases

@@ -9,8 +9,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from inswsn_book.parameters import Value
-from inswsn_book.results import Digest, Finite, Frozen, Name, first_problem
+from inswsn_book.record.parameters import Value
+from inswsn_book.record.results import Digest, Finite, Frozen, Name, first_problem
 from pydantic import Field, ValidationError
 
 from inswsn_lib.errors import InswsnError

@@ -31,13 +31,13 @@ os.environ.update({f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "M
 # compiled kernels, as when the book is built, whatever the size of the work
 os.environ.setdefault("INSWSN_PLAIN", "0")
 
-from inswsn_book.project import Project
+from inswsn_book.record.project import Project
 
 if TYPE_CHECKING:
     from click import Command
-    from inswsn_book.results import Results
-    from inswsn_book.review import Findings
-    from inswsn_book.verdicts import Judged
+    from inswsn_book.judge.review import Findings
+    from inswsn_book.judge.verdicts import Judged
+    from inswsn_book.record.results import Results
     from playwright.sync_api import Browser
     from visiting import Visit
 
@@ -97,7 +97,7 @@ def project(root: Path) -> Project:
 @pytest.fixture(scope="session")
 def published(project: Project) -> dict[str, Results]:
     """The reference results, by chapter."""
-    from inswsn_book.results import read_results
+    from inswsn_book.record.results import read_results
 
     return {path.stem: read_results(path) for path in sorted(project.published.glob("*.json"))}
 
@@ -105,7 +105,7 @@ def published(project: Project) -> dict[str, Results]:
 @pytest.fixture(scope="module")
 def results(request: pytest.FixtureRequest, built_site: Path, project: Project) -> Results:
     """What the CHAPTER of a module of tests has found, as it is built."""
-    from inswsn_book.results import read_results
+    from inswsn_book.record.results import read_results
 
     return read_results(project.results / f"{request.module.CHAPTER}.json")
 
@@ -113,8 +113,8 @@ def results(request: pytest.FixtureRequest, built_site: Path, project: Project) 
 @pytest.fixture(scope="module")
 def judged(results: Results, project: Project) -> dict[str, Judged]:
     """Its claims, by their ids, judged by that."""
-    from inswsn_book.ledger import LEDGER, claims_of, load_claims
-    from inswsn_book.verdicts import verdicts
+    from inswsn_book.judge.ledger import LEDGER, claims_of, load_claims
+    from inswsn_book.judge.verdicts import verdicts
 
     own = claims_of(load_claims(project.root / LEDGER), results.chapter)
     return {entry.claim.id: entry for entry in verdicts(own, [results])}
@@ -123,7 +123,7 @@ def judged(results: Results, project: Project) -> dict[str, Judged]:
 @pytest.fixture(scope="session")
 def known(project: Project, published: dict[str, Results]) -> dict[str, Any]:
     """What the templates of the book are rendered over, from the published results."""
-    from inswsn_book.pages import context
+    from inswsn_book.build.pages import context
 
     return context(project, list(published.values()))
 
@@ -138,7 +138,7 @@ def findings(known: dict[str, Any]) -> Findings:
 @pytest.fixture(scope="session")
 def render(project: Project, known: dict[str, Any]) -> Render:
     """Render a page, such as ``"errata"``, with parts of what it is given replaced."""
-    from inswsn_book.pages import environment
+    from inswsn_book.build.pages import environment
 
     templates = environment(project.root)
 
@@ -222,7 +222,7 @@ def inswsn(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[Command]:
     """Run ``inswsn``, or another command, on a checkout in this process: a second less each."""
-    from inswsn_book.cli import cli, run_command as run_here
+    from inswsn_book.build.cli import cli, run_command as run_here
 
     handlers = {each: signal.getsignal(each) for each in (signal.SIGTERM, signal.SIGHUP)}
 
@@ -298,8 +298,8 @@ class MiniProject(Project):
 
     def publish(self, results: Results) -> None:
         """Make results the reference of their chapter."""
-        from inswsn_book.files import write_listed
-        from inswsn_book.results import results_text
+        from inswsn_book.record.files import write_listed
+        from inswsn_book.record.results import results_text
 
         write_listed(self.published, {f"{results.chapter}.json": results_text(results)})
 
@@ -471,7 +471,7 @@ def git(root: Path, *words: str) -> str:
 @pytest.fixture(scope="session")
 def released_mini(built_mini: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The small project before `make archive`: of a repository, published, committed, built."""
-    from inswsn_book.compare import publish_build
+    from inswsn_book.run.compare import publish_build
 
     folder = shared_folder(tmp_path_factory) / "released-mini"
     with FileLock(folder.with_suffix(".made")):
@@ -493,8 +493,8 @@ def released_mini(built_mini: Path, tmp_path_factory: pytest.TempPathFactory) ->
 @pytest.fixture(scope="session")
 def what_stays() -> Callable[[Project], list[object]]:
     """Return what two builds of the small project have in common: results, notebook and pages."""
-    from inswsn_book.results import read_results
-    from inswsn_book.runs import book_runs
+    from inswsn_book.record.results import read_results
+    from inswsn_book.run.store import book_runs
 
     def found(project: Project) -> list[object]:
         texts: list[object] = [read_results(project.results / "00.json").found()]

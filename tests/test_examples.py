@@ -14,7 +14,7 @@ from types import ModuleType
 import inswsn_book
 import matplotlib as mpl
 import pytest
-from inswsn_book.project import RESULTS_VARIABLE, ROOT_VARIABLE
+from inswsn_book.record.project import RESULTS_VARIABLE, ROOT_VARIABLE
 from matplotlib import pyplot as plt
 
 import inswsn_lib

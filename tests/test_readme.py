@@ -12,11 +12,11 @@ from pathlib import Path
 import click
 import pytest
 from conftest import weekly_but
-from inswsn_book.cli import cli
-from inswsn_book.cores import asked_schema
-from inswsn_book.project import Project
-from inswsn_book.running import chapter_with, gather_parameters
-from inswsn_book.sweep import read_sweep
+from inswsn_book.build.chapters import chapter_with, gather_parameters
+from inswsn_book.build.cli import cli
+from inswsn_book.build.sweep import read_sweep
+from inswsn_book.record.project import Project
+from inswsn_book.run.cores import asked_schema
 
 README = Path(__file__).resolve().parents[1] / "README.md"
 COMMANDS = re.findall(

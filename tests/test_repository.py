@@ -15,9 +15,9 @@ from types import ModuleType
 
 import pytest
 import yaml
-from inswsn_book.archive import SITE_PACKAGES
-from inswsn_book.project import Project
-from inswsn_book.runs import book_runs
+from inswsn_book.build.archive import SITE_PACKAGES
+from inswsn_book.record.project import Project
+from inswsn_book.run.store import book_runs
 from jsonschema import Draft7Validator
 from pybtex.database import parse_file
 from threadpoolctl import threadpool_info

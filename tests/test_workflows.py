@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 import yaml
-from inswsn_book.project import Project
+from inswsn_book.record.project import Project
 from packaging.specifiers import SpecifierSet
 
 PYTHON = "3.11"

@@ -1,6 +1,6 @@
 /* Figures that move: charts that follow sliders, without a server.
 
-   A cell shows one by inswsn_book.moving: a hidden <section class="moving"> with tables as JSON, in
+   A cell shows one by inswsn_book.show.moving: a hidden <section class="moving"> with tables as JSON, in
    which the library has computed all that moves at every place of the sliders that it depends on.
    This script looks up and draws, and computes nothing. It puts the charts in the place of the still
    picture that the section names; without it, and in print, the picture stays. In JupyterLab the widget of

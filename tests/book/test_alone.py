@@ -8,12 +8,12 @@ from collections.abc import Callable, Mapping
 
 import pytest
 from conftest import Command, Done, MiniProject
-from inswsn_book.alone import Cell, aligned, alone, needed
-from inswsn_book.answer import published_cells
-from inswsn_book.ledger import LEDGER, QuantityCheck, claims_of, load_claims
-from inswsn_book.parameters import read_myst
-from inswsn_book.project import Project
-from inswsn_book.results import Results
+from inswsn_book.build.answer import published_cells
+from inswsn_book.judge.ledger import LEDGER, QuantityCheck, claims_of, load_claims
+from inswsn_book.record.parameters import read_myst
+from inswsn_book.record.project import Project
+from inswsn_book.record.results import Results
+from inswsn_book.run.part import Cell, aligned, alone, needed
 
 from inswsn_lib.errors import ParameterError
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from inswsn_book.answer import MOST, WIDTH, differences, findings, of_core
-from inswsn_book.assumptions import Headline, load_assumptions, quick_request
-from inswsn_book.cores import asked_schema, changed_scenarios, evidence_of
-from inswsn_book.judging import plain
-from inswsn_book.project import Project
-from inswsn_book.results import Results
-from inswsn_book.running import chapter_with
+from inswsn_book.build.answer import MOST, WIDTH, differences, findings, of_core
+from inswsn_book.build.chapters import chapter_with
+from inswsn_book.judge.claims import plain
+from inswsn_book.record.project import Project
+from inswsn_book.record.results import Results
+from inswsn_book.run.assumptions import Headline, load_assumptions, quick_request
+from inswsn_book.run.cores import asked_schema, changed_scenarios, evidence_of
 from made_results import quantity, results
 
 from inswsn_lib.errors import ParameterError

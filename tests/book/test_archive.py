@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 from conftest import Command, MiniProject, git
-from inswsn_book.archive import main, write_archive
-from inswsn_book.project import Project
+from inswsn_book.build.archive import main, write_archive
+from inswsn_book.record.project import Project
 from rocrate.rocrate import ROCrate
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 import pytest
 from conftest import Command, MiniProject, files_of, run_command
-from inswsn_book.cli import cli
+from inswsn_book.build.cli import cli
 from made_results import results
 
 import inswsn_lib
@@ -148,7 +148,7 @@ def test_how_a_command_ends(
     def fail(_: object) -> None:
         raise error
 
-    monkeypatch.setattr("inswsn_book.compare.changes_to_publish", fail)
+    monkeypatch.setattr("inswsn_book.run.compare.changes_to_publish", fail)
     done = inswsn(mini.root, "publish")
     assert (done.returncode, done.stdout, done.stderr.strip()) == (status, "", f"inswsn: {said}")
 

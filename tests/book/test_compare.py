@@ -9,7 +9,11 @@ from typing import Any
 import made_results
 import pytest
 from conftest import Command, MiniProject, files_of
-from inswsn_book.compare import (
+from inswsn_book.record.files import write_listed
+from inswsn_book.record.progress import Quiet
+from inswsn_book.record.project import Project
+from inswsn_book.record.results import Results, read_results, write_results
+from inswsn_book.run.compare import (
     Change,
     changes_to_publish,
     check_kept_studies,
@@ -18,11 +22,7 @@ from inswsn_book.compare import (
     flipped_verdicts,
     publish_build,
 )
-from inswsn_book.files import write_listed
-from inswsn_book.progress import Quiet
-from inswsn_book.project import Project
-from inswsn_book.results import Results, read_results, write_results
-from inswsn_book.runs import Request, Run, keep, run
+from inswsn_book.run.store import Request, Run, keep, run
 
 from inswsn_lib.errors import BuildError
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import nbformat
 import pytest
-from inswsn_book import execution, forking
-from inswsn_book.forking import Forker
+from inswsn_book.run import fork_server as forking, kernels as execution
+from inswsn_book.run.fork_server import Forker
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="Elsewhere none is forked.")
 CELL = nbformat.v4.new_code_cell("import os; print(os.getcwd())\n6 * 7", id="answer")

@@ -18,8 +18,8 @@ from typing import Any
 import pytest
 import yaml
 from conftest import files_of
-from inswsn_book import files
-from inswsn_book.files import (
+from inswsn_book.record import files
+from inswsn_book.record.files import (
     check_folder,
     check_listed,
     damages,

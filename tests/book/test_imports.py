@@ -7,8 +7,8 @@ from pathlib import Path
 
 import networkx as nx
 import pytest
-from inswsn_book.files import Memory
-from inswsn_book.imports import Imports, Named
+from inswsn_book.record.files import Memory
+from inswsn_book.record.imports import Imports, Named
 
 BACK = "from pack.a import y"
 PLANTED = {

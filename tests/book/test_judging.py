@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 from conftest import Command, MiniProject
 from hypothesis import given, strategies as st
-from inswsn_book.files import write_listed
-from inswsn_book.judging import Release, judge, judge_claims, read_verdicts
-from inswsn_book.project import Project
-from inswsn_book.results import results_text
-from inswsn_book.review import load_entries
+from inswsn_book.judge.claims import Release, judge, judge_claims, read_verdicts
+from inswsn_book.judge.review import load_entries
+from inswsn_book.record.files import write_listed
+from inswsn_book.record.project import Project
+from inswsn_book.record.results import results_text
 from made_results import quantity, results
 
 from inswsn_lib.errors import InswsnError

@@ -10,12 +10,13 @@ from typing import Any
 
 import pytest
 from conftest import MiniProject
-from inswsn_book import moving, record
+from inswsn_book import record
 from inswsn_book.lab.__main__ import copy_chapters
 from inswsn_book.lab.kernel import begin
-from inswsn_book.moving import Moving, Slider
-from inswsn_book.notebooks import notebook_text, read_source
-from inswsn_book.project import ROOT_VARIABLE
+from inswsn_book.record.notebooks import notebook_text, read_source
+from inswsn_book.record.project import ROOT_VARIABLE
+from inswsn_book.show import moving
+from inswsn_book.show.moving import Moving, Slider
 from traitlets import HasTraits
 
 WIDGET = "inswsn_book.lab.widget"

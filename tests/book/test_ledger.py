@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 import yaml
 from hypothesis import given, strategies as st
-from inswsn_book.ledger import LEDGER, Claim, claims_of, data_digest, load_claims
-from inswsn_book.project import Project
+from inswsn_book.judge.ledger import LEDGER, Claim, claims_of, data_digest, load_claims
+from inswsn_book.record.project import Project
 
 from inswsn_lib.errors import InswsnError
 

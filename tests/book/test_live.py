@@ -21,10 +21,10 @@ from inswsn_book.live.html import policy_of, with_cells, with_policy
 from inswsn_book.live.measured import Measured
 from inswsn_book.live.site import lessons
 from inswsn_book.live.unrecorded import ChapterRecord as Unrecorded
-from inswsn_book.parameters import read_schema
-from inswsn_book.project import Project
 from inswsn_book.record import ChapterRecord
-from inswsn_book.results import Results
+from inswsn_book.record.parameters import read_schema
+from inswsn_book.record.project import Project
+from inswsn_book.record.results import Results
 
 
 @pytest.mark.parametrize(
@@ -153,7 +153,7 @@ def test_the_archive_is_the_same_each_time_and_has_data_that_json_can_read(
         scenario = json.loads(packed.read("inswsn_lib/data/scenarios/p1.yaml"))
         assert set(scenario["speed"]) == {"value", "unit", "source", "why"}
         names = packed.namelist()
-        assert "inswsn_book/runs.py" not in names
+        assert "inswsn_book/run/store.py" not in names
         licences = [name for name in names if name.rpartition("/")[2].startswith("LICENSE")]
         assert len(licences) == 2  # of mpmath and lazy_loader, which others made
         values = json.loads(packed.read("inswsn_lib/data/published.json"))

@@ -18,7 +18,7 @@ import pytest
 from hypothesis import given, strategies as st
 from inswsn_book.live.own_data import FIGURES, MOST, Examined, examine
 from inswsn_book.live.own_page import look
-from inswsn_book.parameters import chapter_schema
+from inswsn_book.record.parameters import chapter_schema
 from scipy.stats import chi2
 
 import inswsn_lib as iw
@@ -26,7 +26,7 @@ from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.evaluation import normalised_squares
 
 if TYPE_CHECKING:
-    from inswsn_book.results import Results
+    from inswsn_book.record.results import Results
 
 EXAMPLE = iw.data_file("examples/ins-wsn.csv")
 TEXT = EXAMPLE.read_text(encoding="utf-8")

@@ -9,8 +9,7 @@ from typing import Any
 import nbformat
 import pytest
 from conftest import MiniProject, Render
-from inswsn_book.ledger import MissingCheck
-from inswsn_book.pages import (
+from inswsn_book.build.pages import (
     context,
     environment,
     reference,
@@ -19,9 +18,10 @@ from inswsn_book.pages import (
     with_notes,
     with_pictures,
 )
-from inswsn_book.results import Provenance
-from inswsn_book.runs import Request, Run
-from inswsn_book.verdicts import OUTCOMES, verdicts
+from inswsn_book.judge.ledger import MissingCheck
+from inswsn_book.judge.verdicts import OUTCOMES, verdicts
+from inswsn_book.record.results import Provenance
+from inswsn_book.run.store import Request, Run
 from made_results import claim, results
 
 import inswsn_lib

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from conftest import MiniProject
 from inswsn_book.lessons.printed import Cell, show_printed
-from inswsn_book.project import RESULTS_VARIABLE
 from inswsn_book.record import ChapterRecord
-from inswsn_book.results import Quantity
+from inswsn_book.record.project import RESULTS_VARIABLE
+from inswsn_book.record.results import Quantity
 
 from inswsn_lib.evaluation import Finding
 

@@ -9,10 +9,10 @@ from dataclasses import fields
 import pytest
 from conftest import MINI_CHAPTER
 from hypothesis import given, strategies as st
-from inswsn_book.cores import core_name, load_core
-from inswsn_book.notebooks import read_source
-from inswsn_book.parameters import chapter_schema, read_schema, source_schema
-from inswsn_book.project import Project
+from inswsn_book.record.notebooks import read_source
+from inswsn_book.record.parameters import chapter_schema, read_schema, source_schema
+from inswsn_book.record.project import Project
+from inswsn_book.run.cores import core_name, load_core
 from papermill import inspect_notebook
 
 from inswsn_lib.errors import InswsnError, ParameterError

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 import yaml
 from conftest import MINI_CHAPTER, MiniProject
-from inswsn_book.parameters import chapter_schema
-from inswsn_book.project import ROOT_VARIABLE, Project, find_root
+from inswsn_book.record.parameters import chapter_schema
+from inswsn_book.record.project import ROOT_VARIABLE, Project, find_root
 
 from inswsn_lib.errors import InswsnError
 

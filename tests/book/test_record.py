@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import MINI_LEDGER, MiniProject
-from inswsn_book.files import file_digest
-from inswsn_book.ledger import data_digest
-from inswsn_book.plain import stale_twins
-from inswsn_book.project import RESULTS_VARIABLE
+from inswsn_book.build.plain import stale_twins
+from inswsn_book.judge.ledger import data_digest
 from inswsn_book.record import ChapterRecord
-from inswsn_book.results import Quantity, Results, read_results
+from inswsn_book.record.files import file_digest
+from inswsn_book.record.project import RESULTS_VARIABLE
+from inswsn_book.record.results import Quantity, Results, read_results
 
 from inswsn_lib.errors import InswsnError
 

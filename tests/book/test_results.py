@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from hypothesis import given, strategies as st
-from inswsn_book.results import (
+from inswsn_book.record.results import (
     SCHEMA_VERSION,
     Provenance,
     quantity_digest,

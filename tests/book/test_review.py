@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from conftest import Render
 from hypothesis import given, strategies as st
-from inswsn_book.ledger import MissingCheck, QuantityCheck
-from inswsn_book.review import (
+from inswsn_book.judge.ledger import MissingCheck, QuantityCheck
+from inswsn_book.judge.review import (
     Anew,
     Bound,
     Entry,
@@ -28,7 +28,7 @@ from inswsn_book.review import (
     require_evidence,
     with_readings,
 )
-from inswsn_book.verdicts import Judged, Verdict, verdicts
+from inswsn_book.judge.verdicts import Judged, Verdict, verdicts
 from made_results import claim, quantity, results
 from markdown_it import MarkdownIt
 

@@ -23,14 +23,14 @@ from conftest import (
     unprivileged,
     weekly_but,
 )  # fmt: skip
-from inswsn_book import running
-from inswsn_book.files import damages, write_whole
-from inswsn_book.live.__main__ import main as live
-from inswsn_book.parameters import read_schema
-from inswsn_book.project import MODULES_VARIABLE
-from inswsn_book.results import read_results
-from inswsn_book.running import gather_parameters
-from inswsn_book.site import RenderingError
+from inswsn_book.build import chapters as running
+from inswsn_book.build.chapters import gather_parameters
+from inswsn_book.build.site import RenderingError
+from inswsn_book.build.live import main as live
+from inswsn_book.record.files import damages, write_whole
+from inswsn_book.record.parameters import read_schema
+from inswsn_book.record.project import MODULES_VARIABLE
+from inswsn_book.record.results import read_results
 
 from inswsn_lib.errors import InswsnError
 

@@ -11,13 +11,13 @@ from typing import Any
 
 import pytest
 from conftest import MiniProject
-from inswsn_book import runs
-from inswsn_book.files import file_digest, write_whole
-from inswsn_book.progress import Quiet
-from inswsn_book.project import EXECUTING, MODULES_VARIABLE
-from inswsn_book.provenance import machine_facts
-from inswsn_book.results import Provenance, Results
-from inswsn_book.runs import (
+from inswsn_book.record.files import file_digest, write_whole
+from inswsn_book.record.progress import Quiet
+from inswsn_book.record.project import EXECUTING, MODULES_VARIABLE
+from inswsn_book.record.provenance import machine_facts
+from inswsn_book.record.results import Provenance, Results
+from inswsn_book.run import store as runs
+from inswsn_book.run.store import (
     ChapterError,
     Outcome,
     Request,
@@ -85,7 +85,7 @@ def write(name: str, old: str, new: str) -> Callable[[MiniProject], object]:
         (write("inswsn_lib/a.py", "1", "2"), True),
         (write("inswsn_lib/c.py", "1", "2"), True),
         (write("inswsn_book/record.py", "1", "2"), True),
-        (write("inswsn_book/execution.py", "1", "2"), True),
+        (write("inswsn_book/run/kernels.py", "1", "2"), True),
         (lambda mini: (mini.root / "inswsn_lib/c.py").rename(mini.root / "inswsn_lib/d.py"), True),
         # what it does not load, and what is no code
         (write("inswsn_lib/other.py", "1", "2"), False),
@@ -93,7 +93,7 @@ def write(name: str, old: str, new: str) -> Callable[[MiniProject], object]:
         (append("inswsn_lib/new.py"), False),
         (append("inswsn_lib/a.py"), False),
         # the pages may change without any chapter being due, and what nobody reads
-        (write("inswsn_book/pages.py", "1", "2"), False),
+        (write("inswsn_book/build/pages.py", "1", "2"), False),
         (append("README.md"), False),
         (append("data/papers/other.txt"), False),
         (lambda mini: os.utime(mini.source, (0, 0)), False),

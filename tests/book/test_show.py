@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from bs4 import BeautifulSoup
-from inswsn_book.moving import Chart, Moving, Slider
 from inswsn_book.show import show_figure, show_table, tick
+from inswsn_book.show.moving import Chart, Moving, Slider
 from markdown_it import MarkdownIt
 from matplotlib import pyplot as plt
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from inswsn_book.timing import Sampler, slowest
+from inswsn_book.record.timing import Sampler, slowest
 from made_results import quantity, results
 from test_results import PROVENANCE
 

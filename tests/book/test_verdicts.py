@@ -8,9 +8,8 @@ from typing import Any
 
 import pytest
 from hypothesis import given, strategies as st
-from inswsn_book.ledger import Claim, MissingCheck, QuantityCheck
-from inswsn_book.results import Results
-from inswsn_book.verdicts import (
+from inswsn_book.judge.ledger import Claim, MissingCheck, QuantityCheck
+from inswsn_book.judge.verdicts import (
     Read,
     Verdict,
     count_verdicts,
@@ -18,6 +17,7 @@ from inswsn_book.verdicts import (
     judge_rebuilt,
     verdicts,
 )
+from inswsn_book.record.results import Results
 from made_results import claim as made_claim, quantity, results
 
 from inswsn_lib.errors import InswsnError

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 from conftest import Command, MiniProject, files_of
-from inswsn_book.archive import write_archive
-from inswsn_book.files import seal_folder
-from inswsn_book.progress import Quiet
-from inswsn_book.project import Project
-from inswsn_book.runs import book_runs, keep
-from inswsn_book.verifying import _of_chapter, _read, verify
+from inswsn_book.build.archive import write_archive
+from inswsn_book.build.verify import _of_chapter, _read, verify
+from inswsn_book.record.files import seal_folder
+from inswsn_book.record.progress import Quiet
+from inswsn_book.record.project import Project
+from inswsn_book.run.store import book_runs, keep
 from made_results import quantity, results
 
 

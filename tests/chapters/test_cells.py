@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from inswsn_book.parameters import read_myst
+from inswsn_book.record.parameters import read_myst
 
 LINES, COLUMNS = 25, 88
 EVIDENCE = sorted(Path(__file__).parents[2].glob("chapters/evidence/[a-z]*.md"))

@@ -9,9 +9,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from inswsn_book.legible import label_lines, least_points, legend_of, place_labels, texts_in_the_way
-from inswsn_book.project import Project
-from inswsn_book.runs import Request, lookup
+from inswsn_book.record.project import Project
+from inswsn_book.run.store import Request, lookup
+from inswsn_book.show.legible import (
+    label_lines,
+    least_points,
+    legend_of,
+    place_labels,
+    texts_in_the_way,
+)
 from matplotlib import pyplot as plt
 
 from inswsn_lib.plotting import STROKES, figure, stroke

@@ -11,8 +11,8 @@ from typing import Any
 import jupytext
 import pytest
 from conftest import ROOT
-from inswsn_book.project import Project
-from inswsn_book.runs import Request, lookup
+from inswsn_book.record.project import Project
+from inswsn_book.run.store import Request, lookup
 
 FOLDER = ROOT / "chapters"
 LESSONS = {f"lesson-{path.name[0]}": path for path in sorted(FOLDER.glob("[1-8]-*.md"))}

@@ -12,7 +12,7 @@ import nbformat
 import pytest
 from conftest import same, weekly_but
 from inswsn_book.live.measured import Measured, measure
-from inswsn_book.project import Project
+from inswsn_book.record.project import Project
 from test_lessons import LESSONS, executed
 
 from inswsn_lib.errors import BuildError

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from inswsn_book.results import Results
-from inswsn_book.verdicts import Judged, Verdict
+from inswsn_book.judge.verdicts import Judged, Verdict
+from inswsn_book.record.results import Results
 from scipy.linalg import solve_discrete_are
 
 CHAPTER = "p1-lmi"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from inswsn_book.results import Results
+from inswsn_book.record.results import Results
 from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
 
 CHAPTER = "p1-training"

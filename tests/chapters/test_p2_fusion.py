@@ -10,8 +10,8 @@ from pathlib import Path
 import networkx as nx
 import numpy as np
 import pytest
-from inswsn_book.results import Results
-from inswsn_book.verdicts import Judged, Verdict
+from inswsn_book.judge.verdicts import Judged, Verdict
+from inswsn_book.record.results import Results
 from numpy.typing import NDArray
 
 from inswsn_lib.evaluation import monte_carlo

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from inswsn_book.results import Results
-from inswsn_book.verdicts import Judged, Verdict
+from inswsn_book.judge.verdicts import Judged, Verdict
+from inswsn_book.record.results import Results
 from numpy.typing import NDArray
 from pyins import transform
 from scipy.optimize import brentq

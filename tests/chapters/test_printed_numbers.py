@@ -10,8 +10,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from inswsn_book.project import RESULTS_VARIABLE, Project
-from inswsn_book.results import Results, read_results
+from inswsn_book.record.project import RESULTS_VARIABLE, Project
+from inswsn_book.record.results import Results, read_results
 
 from inswsn_lib.papers import read_table
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from inswsn_book.compare import pair_quantities
-from inswsn_book.progress import Quiet
-from inswsn_book.project import Project
-from inswsn_book.results import Results, read_results
-from inswsn_book.runs import Request, run_all
+from inswsn_book.record.progress import Quiet
+from inswsn_book.record.project import Project
+from inswsn_book.record.results import Results, read_results
+from inswsn_book.run.compare import pair_quantities
+from inswsn_book.run.store import Request, run_all
 from made_folders import needs
 
 from inswsn_lib import logs

@@ -15,8 +15,8 @@ from typing import Any
 import jupytext
 import numpy as np
 import pytest
-from inswsn_book.project import Project
-from inswsn_book.results import read_results
+from inswsn_book.record.project import Project
+from inswsn_book.record.results import read_results
 
 from inswsn_lib.lmi import hinf_norm
 

@@ -14,12 +14,12 @@ from pathlib import Path
 import nbformat
 import pytest
 from conftest import weekly_but
-from inswsn_book.execution import execute_notebook
-from inswsn_book.files import MANIFEST
-from inswsn_book.notebooks import read_source
-from inswsn_book.parameters import Value
-from inswsn_book.project import RESULTS_VARIABLE, ROOT_VARIABLE, Project
-from inswsn_book.results import read_results
+from inswsn_book.record.files import MANIFEST
+from inswsn_book.record.notebooks import read_source
+from inswsn_book.record.parameters import Value
+from inswsn_book.record.project import RESULTS_VARIABLE, ROOT_VARIABLE, Project
+from inswsn_book.record.results import read_results
+from inswsn_book.run.kernels import execute_notebook
 
 # parameters with which a chapter is quick, and which are not those of the published run
 QUICK: dict[str, dict[str, Value]] = {

@@ -7,8 +7,8 @@ import re
 from pathlib import Path
 
 import pytest
-from inswsn_book.judging import read_verdicts
-from inswsn_book.results import read_results
+from inswsn_book.judge.claims import read_verdicts
+from inswsn_book.record.results import read_results
 
 import inswsn_lib as iw
 from inswsn_lib.errors import InswsnError

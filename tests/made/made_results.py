@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from inswsn_book.ledger import Claim
-from inswsn_book.results import Quantity, Results
+from inswsn_book.judge.ledger import Claim
+from inswsn_book.record.results import Quantity, Results
 
 
 def quantity(name: str = "x", value: float = 1.0, **fields: Any) -> Quantity:

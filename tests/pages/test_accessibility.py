@@ -25,8 +25,8 @@ import pytest
 import yaml
 from bs4 import BeautifulSoup, Tag
 from conftest import ROOT, weekly_but
-from inswsn_book.project import Project
-from inswsn_book.runs import book_runs
+from inswsn_book.record.project import Project
+from inswsn_book.run.store import book_runs
 from PIL import Image
 from playwright.sync_api import Browser, Page
 from visiting import (

@@ -13,8 +13,8 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from conftest import FLAGS, PATIENCE, QuietHandler, same, serving
 from inswsn_book.live.site import lessons, put_in
-from inswsn_book.progress import Quiet
-from inswsn_book.project import Project
+from inswsn_book.record.progress import Quiet
+from inswsn_book.record.project import Project
 from playwright.sync_api import Browser, Locator, Page
 from visiting import LESSON, OWN_DATA, Open, opening, settled
 

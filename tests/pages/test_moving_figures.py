@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import ROOT, weekly_but
-from inswsn_book.moving import Moving, Slider
+from inswsn_book.show.moving import Moving, Slider
 from playwright.sync_api import Browser, CDPSession, Locator, Page
 from visiting import PAGES, Visit, boxes, opening, settled
 

@@ -19,8 +19,8 @@ from urllib.parse import urlsplit
 
 import pytest
 from bs4 import BeautifulSoup, Tag
-from inswsn_book.project import Project
-from inswsn_book.volumes import Volume, volumes, write_volumes
+from inswsn_book.build.volumes import Volume, volumes, write_volumes
+from inswsn_book.record.project import Project
 from pypdf import PdfReader
 
 pytestmark = pytest.mark.page

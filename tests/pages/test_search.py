@@ -9,8 +9,8 @@ import pytest
 import yaml
 from bs4 import BeautifulSoup
 from conftest import PATIENCE, ROOT, WHOLE
-from inswsn_book.ledger import LEDGER, load_claims
-from inswsn_book.project import Project
+from inswsn_book.judge.ledger import LEDGER, load_claims
+from inswsn_book.record.project import Project
 from visiting import Open
 
 pytestmark = pytest.mark.page

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 from conftest import WHOLE, weekly_but
-from inswsn_book.judging import judge_claims
-from inswsn_book.project import Project
-from inswsn_book.results import Results
+from inswsn_book.judge.claims import judge_claims
+from inswsn_book.record.project import Project
+from inswsn_book.record.results import Results
 from playwright.sync_api import Browser, expect
 from visiting import CHAPTER_00, LESSON, PAGES, Open, boxes, settled, unfold
 

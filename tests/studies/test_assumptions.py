@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 import yaml
-from inswsn_book.assumptions import ASSUMPTIONS, Assumptions, load_assumptions
-from inswsn_book.project import Project
+from inswsn_book.record.project import Project
+from inswsn_book.run.assumptions import ASSUMPTIONS, Assumptions, load_assumptions
 from sensitivity import problems_of
 from small import SMALL
 

@@ -26,8 +26,8 @@ from crossed import (
 )
 from factors import CROSSED, Crossing, load_crossing, reasons
 from indices import filled, morris_effects, morris_places, sobol_places, sobol_shares
-from inswsn_book.assumptions import load_assumptions
-from inswsn_book.project import Project
+from inswsn_book.record.project import Project
+from inswsn_book.run.assumptions import load_assumptions
 from points import outputs_at
 
 from inswsn_lib.checks import Array

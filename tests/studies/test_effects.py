@@ -18,9 +18,9 @@ from effects import (
     summarise,
     tornado_svg,
 )
-from inswsn_book.assumptions import Assumptions
-from inswsn_book.parameters import Parameter
-from inswsn_book.review import Findings
+from inswsn_book.judge.review import Findings
+from inswsn_book.record.parameters import Parameter
+from inswsn_book.run.assumptions import Assumptions
 from made_results import quantity, results
 from small import SMALL, run, study
 from study import Run

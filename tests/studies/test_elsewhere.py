@@ -28,13 +28,13 @@ from elsewhere import (
     variants,
     write_elsewhere,
 )
-from inswsn_book.compare import Change
-from inswsn_book.files import file_digest
-from inswsn_book.progress import Quiet
-from inswsn_book.project import Project
-from inswsn_book.provenance import available_cores
-from inswsn_book.results import Provenance, Results, write_results
-from inswsn_book.runs import ChapterError, run, run_all
+from inswsn_book.record.files import file_digest
+from inswsn_book.record.progress import Quiet
+from inswsn_book.record.project import Project
+from inswsn_book.record.provenance import available_cores
+from inswsn_book.record.results import Provenance, Results, write_results
+from inswsn_book.run.compare import Change
+from inswsn_book.run.store import ChapterError, run, run_all
 
 from inswsn_lib.errors import InswsnError
 

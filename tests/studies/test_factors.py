@@ -7,8 +7,8 @@ from dataclasses import fields
 import numpy as np
 import pytest
 from factors import CROSSED, LEFT_OUT, Crossing, load_crossing, reasons
-from inswsn_book.assumptions import Assumptions, load_assumptions, load_schemas, load_settings
-from inswsn_book.project import Project
+from inswsn_book.record.project import Project
+from inswsn_book.run.assumptions import Assumptions, load_assumptions, load_schemas, load_settings
 from points import RUNS, core_at
 
 from inswsn_lib.navigation import BridgedOutages, ClusterFusion, LMIDesigns, TrainingAreas

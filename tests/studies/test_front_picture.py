@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from conftest import Render
 from front_picture import DATA, PICTURE, Contest, contests, front_svg
-from inswsn_book.review import Findings
+from inswsn_book.judge.review import Findings
 
 
 @pytest.fixture(scope="module")

@@ -10,12 +10,12 @@ import pytest
 import yaml
 from conftest import MiniProject
 from effects import band_of
-from inswsn_book import runs as engine
-from inswsn_book.assumptions import Assumptions, load_assumptions
-from inswsn_book.progress import Quiet
-from inswsn_book.project import Project
-from inswsn_book.results import Results
-from inswsn_book.runs import ChapterError, request_key
+from inswsn_book.record.progress import Quiet
+from inswsn_book.record.project import Project
+from inswsn_book.record.results import Results
+from inswsn_book.run import store as engine
+from inswsn_book.run.assumptions import Assumptions, load_assumptions
+from inswsn_book.run.store import ChapterError, request_key
 from made_results import quantity, results
 from sensitivity import FIGURE, Cell, cells_of, merged, request_of, run_of, with_page, write_study
 from small import SMALL, run, study

@@ -16,7 +16,7 @@ from tempfile import gettempdir
 
 import pytest
 from filelock import FileLock
-from inswsn_book.files import write_whole
+from inswsn_book.record.files import write_whole
 
 WHOLE = os.environ.get("INSWSN_TESTS") == "whole"
 #: Now, since trials work in other folders

@@ -17,12 +17,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from inswsn_book.archive import write_archive
-from inswsn_book.progress import Quiet
-from inswsn_book.project import Project
-from inswsn_book.running import build_book
-from inswsn_book.runs import Request, book_runs, keep, lookup
-from inswsn_book.verifying import verify
+from inswsn_book.build.archive import write_archive
+from inswsn_book.build.chapters import build_book
+from inswsn_book.build.verify import verify
+from inswsn_book.record.progress import Quiet
+from inswsn_book.record.project import Project
+from inswsn_book.run.store import Request, book_runs, keep, lookup
 
 from inswsn_lib.errors import InswsnError
 

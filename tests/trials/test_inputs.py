@@ -25,13 +25,16 @@ from typing import Any
 
 import click
 import pytest
-from inswsn_book import compare, review, running, runs, sweep
-from inswsn_book.cli import cli, run_command
-from inswsn_book.judging import read_verdicts
-from inswsn_book.ledger import load_claims
-from inswsn_book.notebooks import read_source
-from inswsn_book.pages import read_json
-from inswsn_book.parameters import (
+from inswsn_book.build import chapters as running, sweep
+from inswsn_book.build.chapters import gather_parameters
+from inswsn_book.build.cli import cli, run_command
+from inswsn_book.build.pages import read_json
+from inswsn_book.judge import review
+from inswsn_book.judge.claims import read_verdicts
+from inswsn_book.judge.ledger import load_claims
+from inswsn_book.judge.verdicts import verdicts
+from inswsn_book.record.notebooks import read_source
+from inswsn_book.record.parameters import (
     FILE_RULE,
     REGRESSOR_RULE,
     Parameter,
@@ -39,10 +42,9 @@ from inswsn_book.parameters import (
     chapter_schema,
     read_schema,
 )
-from inswsn_book.project import Chapter, Project
-from inswsn_book.results import read_results
-from inswsn_book.running import gather_parameters
-from inswsn_book.verdicts import verdicts
+from inswsn_book.record.project import Chapter, Project
+from inswsn_book.record.results import read_results
+from inswsn_book.run import compare, store as runs
 
 import inswsn_lib as iw
 from inswsn_lib.errors import BuildError, InswsnError

@@ -21,9 +21,9 @@ from typing import Any
 
 import psutil
 import pytest
-from inswsn_book.project import Project
-from inswsn_book.runs import lookup
-from inswsn_book.sweep import read_sweep
+from inswsn_book.build.sweep import read_sweep
+from inswsn_book.record.project import Project
+from inswsn_book.run.store import lookup
 
 GRID = "2,3,4,5,6,7,8,9"
 # A core is found that is not installed, as that of no chapter is

@@ -19,9 +19,9 @@ from typing import Any
 
 import pytest
 from click import unstyle
-from inswsn_book.files import damages
-from inswsn_book.project import Project
-from inswsn_book.results import read_results
+from inswsn_book.record.files import damages
+from inswsn_book.record.project import Project
+from inswsn_book.record.results import read_results
 
 FOREIGN = "raise SystemExit('a module of the reader was loaded')\n"
 # A variable and what it may be; {own} is a folder with modules of the reader, and a kernel

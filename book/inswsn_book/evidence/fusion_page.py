@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from scipy.linalg import block_diag
 
 from inswsn_book.evidence import slug
-from inswsn_book.legible import label_lines, place_labels
+from inswsn_book.show.legible import label_lines, place_labels
 from inswsn_lib.checks import Array
 from inswsn_lib.evaluation import Finding, monte_carlo
 from inswsn_lib.filters import patterns_of, run_distributed

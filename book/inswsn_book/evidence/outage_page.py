@@ -12,7 +12,7 @@ import torch
 from numpy.typing import ArrayLike
 
 from inswsn_book.evidence.outage_tables import METHODS, Hypothesis
-from inswsn_book.verdicts import count_verdicts
+from inswsn_book.judge.verdicts import count_verdicts
 from inswsn_lib.checks import Array
 from inswsn_lib.learning import LSSVMRegressor, kernel_matrix, select_lssvm
 from inswsn_lib.navigation.bridged_outages import (
@@ -26,7 +26,7 @@ from inswsn_lib.navigation.bridged_outages import (
 from inswsn_lib.papers import COLUMNS
 
 if TYPE_CHECKING:
-    from inswsn_book.verdicts import Judged as Verdict
+    from inswsn_book.judge.verdicts import Judged as Verdict
 
 #: Methods and inputs that exist, which are compared column by column
 COMPARED = {f"{name}, motion": (name, "motion")

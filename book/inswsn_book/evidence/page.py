@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING, Any, Literal, SupportsFloat
 import pandas as pd
 from pydantic import ValidationError
 
+from inswsn_book.judge.ledger import LEDGER, claims_digest, claims_of, load_claims
+from inswsn_book.judge.verdicts import Judged, verdicts
 from inswsn_book.record import ChapterRecord
-from inswsn_book.results import Finite, Frozen, IntervalKind, Quantity, first_problem
+from inswsn_book.record.results import Finite, Frozen, IntervalKind, Quantity, first_problem
 from inswsn_book.show import show_figure, show_table
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.evaluation import Finding
@@ -107,6 +109,17 @@ class EvidenceRecord(ChapterRecord):
             said = {"basis": self._words.usual.basis, **usual, "interval_kind": f.kind, **given}
             ends = (f.low, f.high)
             self.quantity(prefix + name, f.value, f.unit, how=f.how, interval=ends, **said)
+
+    def judge(self, prefix: str = "") -> list[Judged]:
+        """Judge the claims that this chapter decides by what has been recorded so far.
+
+        A prefix such as ``"P1-T2-"`` takes those alone whose ids begin with it. The build executes
+        the chapter again when what the ledger says of its claims changes.
+        """
+        path = self._root / LEDGER
+        self._data[f"{LEDGER}#{self._chapter}"] = claims_digest(path, self._chapter)
+        mine = claims_of(load_claims(path), self._chapter)
+        return verdicts([c for c in mine if c.id.startswith(prefix)], [self.results()])
 
     def bind(self, name: str, condition: object, /, **given: Any) -> None:
         """Bind a sentence, by its name in the file of words, as `holds` does."""

@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy.stats import norm
 
-from inswsn_book.legible import label_lines, place_labels
+from inswsn_book.show.legible import label_lines, place_labels
 from inswsn_lib.checks import Array
 from inswsn_lib.plotting import COLOURS, STROKES, figure, stroke
 

@@ -23,7 +23,7 @@ from inswsn_lib.navigation.training_areas import (
 from inswsn_lib.papers import AXES, COLUMNS
 
 if TYPE_CHECKING:  # in a page that runs its cells there are no verdicts
-    from inswsn_book.verdicts import Judged
+    from inswsn_book.judge.verdicts import Judged
 
 #: The methods of Table 2 as rebuilt, by the names of `TrainingAreas.estimate`
 REBUILT = {

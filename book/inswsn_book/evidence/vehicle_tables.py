@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from inswsn_book.evidence.outage_cells import WORDS, ByDrive, error_sizes
-from inswsn_book.legible import place_labels
+from inswsn_book.show.legible import place_labels
 from inswsn_lib.checks import Array
 from inswsn_lib.evaluation import Finding, cluster_mean, cluster_median
 from inswsn_lib.inertial import metres

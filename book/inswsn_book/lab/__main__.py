@@ -7,9 +7,9 @@ import os
 import sys
 from pathlib import Path
 
-from inswsn_book.files import write_whole
-from inswsn_book.project import RESULTS_VARIABLE, ROOT_VARIABLE, Project, find_root
-from inswsn_book.runs import Request, environment_of
+from inswsn_book.record.files import write_whole
+from inswsn_book.record.project import RESULTS_VARIABLE, ROOT_VARIABLE, Project, find_root
+from inswsn_book.run.store import Request, environment_of
 
 _KERNEL = (
     *(sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}"),

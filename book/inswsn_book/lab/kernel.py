@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from inswsn_book import moving, record
+from inswsn_book import record
 from inswsn_book.live.unrecorded import name_untrue
 from inswsn_book.record import ChapterRecord
-from inswsn_book.results import Quantity
+from inswsn_book.record.results import Quantity
+from inswsn_book.show import moving
 
 
 class _Again(ChapterRecord):

@@ -37,7 +37,7 @@ _STYLE = """
 
 
 class MovingFigure(anywidget.AnyWidget):  # type: ignore[misc]  # the locks hold no anywidget
-    """The figure: its name, and what `inswsn_book.moving` gives for it, as JSON."""
+    """The figure: its name, and what `inswsn_book.show.moving` gives for it, as JSON."""
 
     _esm = (_STATIC / "moving.js").read_text(encoding="utf-8") + _RENDER
     _css = (_STATIC / "moving.css").read_text(encoding="utf-8") + _STYLE
@@ -46,5 +46,5 @@ class MovingFigure(anywidget.AnyWidget):  # type: ignore[misc]  # the locks hold
 
 
 def show(name: str, content: str) -> None:
-    """Show a figure; see `inswsn_book.moving.shown_to`."""
+    """Show a figure; see `inswsn_book.show.moving.shown_to`."""
     display(MovingFigure(name=name, content=content))

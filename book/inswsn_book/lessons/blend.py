@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inswsn_book import record as book
-from inswsn_book.moving import Moving, Slider
+from inswsn_book.show.moving import Moving, Slider
 from inswsn_lib.evaluation import mean_bounds, normalised_squares
 from inswsn_lib.filters import run_hinfinity
 from inswsn_lib.models import ErrorModel

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 from inswsn_book import record as book
 from inswsn_book.evidence.outage_cells import rebuild_outages, rebuild_recorded
-from inswsn_book.moving import Moving, Slider
+from inswsn_book.show.moving import Moving, Slider
 from inswsn_lib.evaluation import Finding
 from inswsn_lib.inertial import metres
 from inswsn_lib.navigation import OutageTrials, RecordedTrials, VehicleOutages, read_trials

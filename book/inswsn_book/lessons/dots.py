@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from inswsn_book.moving import Moving, Slider
+from inswsn_book.show.moving import Moving, Slider
 
 #: A number, or a number with the ends of its interval
 Number = float | tuple[float, float, float]

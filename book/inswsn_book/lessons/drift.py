@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inswsn_book import record as book
-from inswsn_book.moving import Moving, Slider
+from inswsn_book.show.moving import Moving, Slider
 from inswsn_lib.navigation import ExampleDrive
 
 Array = NDArray[np.float64]

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inswsn_book.lessons.dots import show_dots
-from inswsn_book.moving import Chart, Moving, Slider
 from inswsn_book.record import ChapterRecord
+from inswsn_book.show.moving import Chart, Moving, Slider
 from inswsn_lib.navigation.bridged_outages import Passage
 from inswsn_lib.papers import read_rows
 

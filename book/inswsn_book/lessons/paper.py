@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inswsn_book.moving import Moving, Slider
 from inswsn_book.record import ChapterRecord
+from inswsn_book.show.moving import Moving, Slider
 from inswsn_lib.papers import about, admits, bounds, derive, interval, reduction
 
 Array = NDArray[np.float64]

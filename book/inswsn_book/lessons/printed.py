@@ -11,7 +11,7 @@ from inswsn_book.show import show_table
 
 if TYPE_CHECKING:  # of which the page has less
     from inswsn_book.record import ChapterRecord
-    from inswsn_book.results import Quantity
+    from inswsn_book.record.results import Quantity
     from inswsn_lib.evaluation import Finding
 
 #: Columns of the table behind what is printed

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from inswsn_book.lessons.dots import show_dots
 from inswsn_book.lessons.nodes import model_of
-from inswsn_book.moving import Moving, Slider
 from inswsn_book.record import ChapterRecord
+from inswsn_book.show.moving import Moving, Slider
 from inswsn_lib.evaluation import autocorrelation
 from inswsn_lib.filters import design_kalman, run_kalman
 from inswsn_lib.navigation import ExampleRun, TrainingAreas, read_tables

@@ -8,8 +8,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from inswsn_book.moving import Moving, Slider
 from inswsn_book.record import ChapterRecord
+from inswsn_book.show.moving import Moving, Slider
 from inswsn_lib.filters import predictor_gain, run_hinfinity, run_kalman
 from inswsn_lib.lmi import design_filter, hinf_norm, largest_singular_value
 from inswsn_lib.models import ErrorModel

@@ -8,8 +8,8 @@ from typing import Any
 
 from inswsn_book.live.cells import before
 from inswsn_book.live.measured import Measured
-from inswsn_book.parameters import Parameter, ends, notebook_schema, read_myst
-from inswsn_book.project import Chapter
+from inswsn_book.record.parameters import Parameter, ends, notebook_schema, read_myst
+from inswsn_book.record.project import Chapter
 from inswsn_lib.files import read_text
 
 

@@ -9,14 +9,13 @@ from collections.abc import Iterator
 from importlib.metadata import files, version
 from pathlib import Path
 
-from inswsn_book.project import Project
-from inswsn_book.results import read_results
+from inswsn_book.record.project import Project
+from inswsn_book.record.results import read_results
 from inswsn_lib.files import read_yaml
 
 # of the book's package: what lessons import, and it, what shows it, and this room
 _BOOK = (
-    "__init__.py", "legible.py", "moving.py", "parameters.py", "show.py", "evidence", "lessons",
-    "live",
+    "__init__.py", "record/parameters.py", "show", "evidence", "lessons", "live",
 )  # fmt: skip
 _DATA = ("examples/*.csv", "papers/*.csv", "papers/*.yaml", "scenarios/*.yaml")
 _PACKAGES = ("lazy_loader", "mpmath")  # that others made, of Python alone
@@ -31,7 +30,7 @@ def contents(project: Project) -> Iterator[tuple[str, bytes]]:
     for name in _BOOK:
         for path in _modules(book / name):
             yield f"inswsn_book/{path.relative_to(book).as_posix()}", path.read_bytes()
-    yield "inswsn_book/record.py", (book / "live" / "unrecorded.py").read_bytes()
+    yield "inswsn_book/record/__init__.py", (book / "live" / "unrecorded.py").read_bytes()
     results = [read_results(path) for path in sorted(project.published.glob("*.json"))]
     found = {each.chapter: {q.name: q.value for q in each.quantities} for each in results}
     yield "inswsn_lib/data/published.json", json.dumps(found, separators=(",", ":")).encode()

@@ -218,7 +218,7 @@ def timed(lesson: Lesson, cell: int, source: str) -> dict[str, Any]:
 
 def lesson_in_the_page() -> Lesson:
     """Return a lesson whose figures that move are told to it, and have no still picture."""
-    from inswsn_book import moving  # noqa: PLC0415  # loads what absent packages stand in for
+    from inswsn_book.show import moving  # noqa: PLC0415  # loads what absent packages stand in for
 
     lesson = Lesson()
     moving.shown_to(lesson.show)

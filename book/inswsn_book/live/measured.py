@@ -17,8 +17,8 @@ from typing import Any
 
 from inswsn_book.live.bundle import archive
 from inswsn_book.live.cells import before
-from inswsn_book.parameters import read_myst
-from inswsn_book.project import Project
+from inswsn_book.record.parameters import read_myst
+from inswsn_book.record.project import Project
 from inswsn_lib.errors import BuildError
 
 # in a process that sees the files of the page, numpy and the standard library

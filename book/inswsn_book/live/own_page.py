@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inswsn_book.live.own_data import Examined, examine
-from inswsn_book.moving import Chart, Moving
+from inswsn_book.show.moving import Chart, Moving
 from inswsn_lib.checks import Array
 from inswsn_lib.evaluation.consistency import FALSE_ALARM, mean_square
 from inswsn_lib.logs.columns import INS, TIME

@@ -13,9 +13,9 @@ from inswsn_book.live.bundle import archive
 from inswsn_book.live.html import SCRIPTS, policy_of, with_cells, with_policy
 from inswsn_book.live.measured import Measured, measure
 from inswsn_book.live.own_data import FIGURES
-from inswsn_book.progress import Progress
-from inswsn_book.project import Chapter, Project
-from inswsn_book.runs import Request, request_key
+from inswsn_book.record.progress import Progress
+from inswsn_book.record.project import Chapter, Project
+from inswsn_book.run.store import Request, request_key
 from inswsn_lib.errors import BuildError
 
 #: The page that takes a reader's own file; its cells are those of the library with all packages

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given, strategies as st
-from inswsn_book.parameters import chapter_schema
+from inswsn_book.record.parameters import chapter_schema
 
 from inswsn_lib import files
 from inswsn_lib.errors import InswsnError

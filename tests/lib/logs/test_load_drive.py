@@ -11,7 +11,7 @@ import numpy as np
 import pooch
 import pytest
 import requests
-from inswsn_book.files import file_digest
+from inswsn_book.record.files import file_digest
 from made_folders import make_rtklib, needs, values_of
 from numpy.typing import NDArray
 

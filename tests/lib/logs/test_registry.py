@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
-from inswsn_book.files import file_digest
+from inswsn_book.record.files import file_digest
 from made_folders import MADE, needs, values_of
 
 from inswsn_lib import logs

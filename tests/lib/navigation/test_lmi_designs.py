@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from inswsn_book.results import read_results
+from inswsn_book.record.results import read_results
 
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.models import ErrorModel

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from inswsn_book.results import read_results
+from inswsn_book.record.results import read_results
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.evaluation import fit_noise, monte_carlo

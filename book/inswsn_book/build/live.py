@@ -1,0 +1,28 @@
+"""``python -m inswsn_book.build.live``: have the book rendered with Python in it, from now on."""
+
+from __future__ import annotations
+
+import click
+
+from inswsn_book.build.chapters import build_book
+from inswsn_book.build.cli import run_command
+from inswsn_book.record.progress import Progress
+from inswsn_book.record.project import Project, find_root
+
+
+@click.command()
+@click.option("--off", is_flag=True, help="Without Python again.")
+def main(off: bool) -> None:
+    """Switch it on for the checkout, and build the book."""
+    project = Project(find_root())
+    if off:
+        project.live.unlink(missing_ok=True)
+    else:
+        project.build.mkdir(parents=True, exist_ok=True)
+        project.live.touch()
+    with Progress() as progress:
+        build_book(project, progress)
+
+
+if __name__ == "__main__":
+    run_command(main)
