@@ -25,7 +25,7 @@ from typing import Any
 
 import click
 import pytest
-from inswsn_book.build import chapters as running, sweep
+from inswsn_book.build import chapters, sweep
 from inswsn_book.build.chapters import gather_parameters
 from inswsn_book.build.cli import cli, run_command
 from inswsn_book.build.pages import read_json
@@ -249,8 +249,8 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Project:
     monkeypatch.setattr(sweep, "keep", lambda *_: None)
     monkeypatch.setattr(sweep, "_client", lambda *_: contextlib.nullcontext())
     monkeypatch.setattr(sweep, "_compute", cells)
-    monkeypatch.setattr(running, "render_book", lambda *_, **__: None)
-    monkeypatch.setattr(running, "render_run", lambda *_: None)
+    monkeypatch.setattr(chapters, "render_book", lambda *_, **__: None)
+    monkeypatch.setattr(chapters, "render_run", lambda *_: None)
     everything = [computed(Project(ROOT), runs.Request(c.id)) for c in Project(ROOT).chapters()]
     monkeypatch.setattr(compare, "book_runs", lambda _: everything)
     monkeypatch.setattr(sys, "path", list(sys.path))

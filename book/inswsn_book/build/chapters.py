@@ -26,7 +26,7 @@ from inswsn_book.record.progress import Progress
 from inswsn_book.record.project import Chapter, Project
 from inswsn_book.record.provenance import edited
 from inswsn_book.record.results import Results, write_results
-from inswsn_book.run import store as runs
+from inswsn_book.run import store
 from inswsn_book.run.compare import check_kept_studies
 from inswsn_book.run.cores import asked_schema, evidence_of
 from inswsn_lib.errors import Described, InswsnError, ParameterError
@@ -114,7 +114,7 @@ def _found(parameter: Parameter, value: Value, data: Path) -> Value:
 
 def run_chapter(
     project: Project,
-    request: runs.Request,
+    request: store.Request,
     progress: Progress,
     tell: Callable[[Results, Path], tuple[list[str], list[str]]],
     *,
@@ -140,7 +140,7 @@ def run_chapter(
     key = text_digest(text + (only or "") + (tree_digest(project.root, changed) if changed else ""))
     folder = out or project.root / "runs" / f"{name}-{key[:8]}"
     check_folder(folder)
-    done = runs.run(project, request, progress, fresh=fresh)
+    done = store.run(project, request, progress, fresh=fresh)
     results = done.results
     if only and results.provenance:
         of_part = results.provenance.model_copy(update={"only": only})
@@ -171,21 +171,21 @@ def build_book(
         remove_left(project.build)
         check_pages(project)  # before the chapters, which take long
         check_listed(project.published)
-        requests = [runs.Request(chapter.id) for chapter in project.chapters()]
-        made = runs.run_all(project, requests, progress, _check, fresh=fresh, jobs=jobs)
+        requests = [store.Request(chapter.id) for chapter in project.chapters()]
+        made = store.run_all(project, requests, progress, _check, fresh=fresh, jobs=jobs)
         check_kept_studies(project, made, progress, fresh=fresh)
         render_book(project, made, progress, fresh=fresh)
         for run in made:
             write_results(run.results, project.results / f"{run.request.chapter}.json")
 
 
-def _check(place: int, outcome: runs.Outcome) -> None:
+def _check(place: int, outcome: store.Outcome) -> None:
     """Refuse a run in which a sentence of the page does not hold."""
-    runs.raise_failure(place, outcome)
-    assert isinstance(outcome, runs.Run)
+    store.raise_failure(place, outcome)
+    assert isinstance(outcome, store.Run)
     untrue = [f"  {said}" for said, held in outcome.results.sentences.items() if not held]
     if untrue:
-        raise runs.ChapterError(
+        raise store.ChapterError(
             f"Chapter {outcome.request.chapter} has sentences that its results do not bear out:\n"
             + "\n".join(untrue)
         )

@@ -14,6 +14,7 @@ from urllib.parse import urlsplit
 from docutils import nodes
 from sphinx import addnodes
 from sphinx.util import docname_join, logging
+from sphinx.util.index_entries import split_index_msg
 
 from inswsn_book.build.access import finish_site
 from inswsn_book.build.site import ALONE, FOOTER
@@ -77,6 +78,16 @@ def _keep_outline(app: Any, tree: nodes.document) -> None:
     numbered = (*others, *chain.from_iterable(known))
     outlines = app.env.inswsn_outlines = getattr(app.env, "inswsn_outlines", {})
     outlines[app.env.docname] = nodes.Element("", *_outlines(tree, numbered))
+
+
+def _keep_entries(app: Any, tree: nodes.document) -> None:
+    """Keep what a search finds by the index: Sphinx keeps it of the pages that it writes alone."""
+    entries = set[tuple[str, str, str]]()
+    for node in tree.findall(addnodes.index):
+        for kind, value, target, main, _ in node["entries"]:
+            entries |= {(word, target or "", main) for word in split_index_msg(kind, value)}
+    kept = getattr(app.env, "_search_index_index_entries", {})
+    kept[app.env.docname] = sorted(entries)
 
 
 def _outlines(node: nodes.Element, numbered: tuple[type, ...]) -> Iterator[nodes.Element]:
@@ -171,6 +182,7 @@ def setup(app: Any) -> dict[str, bool]:
     app.connect("env-check-consistency", _before_writing)
     app.connect("doctree-read", _unlink_words)
     app.connect("doctree-read", _keep_outline, priority=900)
+    app.connect("doctree-read", _keep_entries, priority=900)
     app.connect("env-get-updated", _number_outlines, priority=100)
     app.connect("env-get-updated", _update, priority=900)
     app.connect("autodoc-skip-member", _skip)

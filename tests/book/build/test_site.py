@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import platform
 import shutil
 from dataclasses import replace
@@ -73,6 +74,8 @@ def test_changed_pages_are_rendered_alone_as_all_are(built: MiniProject, tmp_pat
     written = kept / "html" / "claims.html"
     built.page("A page that is read here first, since Sphinx keeps nothing for another place.")
     rendered(built)
+    entries = by_index(built)
+    assert entries
     for new in ("One word.", "(there)=\n## A heading"):
         before = written.stat().st_mtime_ns
         built.source.write_text(text.replace("The number is", f"{new}\n\nThe number is"))
@@ -80,11 +83,19 @@ def test_changed_pages_are_rendered_alone_as_all_are(built: MiniProject, tmp_pat
         assert new[-9:] in (built.site / "chapters/00-mini.html").read_text()
         # what another page may name has changed with the label alone
         assert (written.stat().st_mtime_ns > before) == new.startswith("(")
+        assert by_index(built) == entries
     by_parts = shown(built)
     shutil.rmtree(kept)
     built.build.joinpath("html", ".inswsn-key").unlink()
     rendered(built)
     assert shown(built) == by_parts
+
+
+def by_index(project: MiniProject) -> list[str]:
+    """Return what a search finds by entries of the index, such as the ids of claims."""
+    text = (project.site / "searchindex.js").read_text()
+    index = json.loads(text.removeprefix("Search.setIndex(").rstrip(");"))
+    return sorted(index["indexentries"])
 
 
 def shown(project: MiniProject) -> dict[str, bytes]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import nbformat
 import pytest
-from inswsn_book.run import fork_server as forking, kernels as execution
+from inswsn_book.run import fork_server, kernels
 from inswsn_book.run.fork_server import Forker
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="Elsewhere none is forked.")
@@ -22,7 +22,7 @@ def execute(folder: Path, *, forked: bool = False) -> tuple[Any, list[Any]]:
     """Return the outputs of the one cell, and what was told of it as it started."""
     folder.mkdir(exist_ok=True)
     told: list[Any] = []
-    executed = execution.execute_notebook(
+    executed = kernels.execute_notebook(
         nbformat.v4.new_notebook(cells=[CELL]), {}, folder,
         os.environ | {"IPYTHONDIR": str(folder), "PYTHONSAFEPATH": "1"}, forked,
         tell_cell=lambda *cell: told.append(cell),
@@ -80,10 +80,10 @@ sorted(os.environ), os.getcwd(), os.environ["IPYTHONDIR"], sys.executable, sys.p
 def test_a_forked_kernel_sees_what_one_that_is_started_sees(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(execution, "_FORKER", Forker())  # of the surroundings of this test
+    monkeypatch.setattr(kernels, "_FORKER", Forker())  # of the surroundings of this test
     monkeypatch.setitem(CELL, "source", SEEN)
     seen = [value(tmp_path, forked=forked) for forked in (False, True)]
-    assert execution._FORKER._running  # it has not started a kernel in place of a fork
+    assert kernels._FORKER._running  # it has not started a kernel in place of a fork
     assert seen[0] == seen[1]
 
 
@@ -115,11 +115,11 @@ def test_where_none_is_forked_one_is_started(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     forker = Forker()
-    monkeypatch.setattr(execution, "_FORKER", forker)
-    monkeypatch.setattr(forking, "__file__", str(tmp_path / "nothing.py"))
+    monkeypatch.setattr(kernels, "_FORKER", forker)
+    monkeypatch.setattr(fork_server, "__file__", str(tmp_path / "nothing.py"))
     assert value(tmp_path / "none", forked=True) == "42"
     monkeypatch.undo()
-    monkeypatch.setattr(execution, "_FORKER", forker)
+    monkeypatch.setattr(kernels, "_FORKER", forker)
     for _ in range(2):  # the end of the first is noticed, and another one had
         assert value(tmp_path / "then", forked=True) == "42"
     process, _ = forker._running or pytest.fail("There is none.")

@@ -92,7 +92,7 @@ def test_a_claim_tells_what_a_release_made_of_it(mini: MiniProject) -> None:
 
 def test_the_verdicts_of_a_release_are_of_claims_that_there_are(listed: list[dict]) -> None:
     ids = {row["id"] for row in listed}
-    for path in (Path(__file__).parents[2] / "data/verdicts").glob("*.yaml"):
+    for path in (Path(__file__).parents[3] / "data/verdicts").glob("*.yaml"):
         release = load_entries(path, Release)
         assert release.version == path.stem
         assert set(release.verdicts) <= ids

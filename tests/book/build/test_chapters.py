@@ -23,10 +23,10 @@ from conftest import (
     unprivileged,
     weekly_but,
 )  # fmt: skip
-from inswsn_book.build import chapters as running
+from inswsn_book.build import chapters
 from inswsn_book.build.chapters import gather_parameters
-from inswsn_book.build.site import RenderingError
 from inswsn_book.build.live import main as live
+from inswsn_book.build.site import RenderingError
 from inswsn_book.record.files import damages, write_whole
 from inswsn_book.record.parameters import read_schema
 from inswsn_book.record.project import MODULES_VARIABLE
@@ -171,7 +171,7 @@ def test_a_run_that_fails_writes_nothing(
     def fail(*_: object) -> None:
         raise RenderingError("Sphinx has warned.")
 
-    monkeypatch.setattr(running, "render_run", fail)
+    monkeypatch.setattr(chapters, "render_run", fail)
     done = inswsn(built.root, "run", "00", "--html")
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr.endswith("inswsn: Sphinx has warned.\n")

@@ -16,7 +16,7 @@ from inswsn_book.record.progress import Quiet
 from inswsn_book.record.project import EXECUTING, MODULES_VARIABLE
 from inswsn_book.record.provenance import machine_facts
 from inswsn_book.record.results import Provenance, Results
-from inswsn_book.run import store as runs
+from inswsn_book.run import store
 from inswsn_book.run.store import (
     ChapterError,
     Outcome,
@@ -363,7 +363,7 @@ def test_chapters_that_take_long_begin(mini: MiniProject, monkeypatch: pytest.Mo
             ran = Provenance(seconds=seconds, **facts, **machine_facts())
             made = EMPTY.model_copy(update={"chapter": number, "provenance": ran})
             mini.publish(made)
-    monkeypatch.setattr(runs, "_run_and_keep", instantly)
+    monkeypatch.setattr(store, "_run_and_keep", instantly)
     given = [Request(number) for number in took]
     assert [done.request for done in run_all(mini, given, Quiet(), jobs=1)] == given
     assert order == ["02", "01", "03", "04", "00"]
@@ -378,7 +378,7 @@ def test_the_core_of_a_chapter(mini: MiniProject, monkeypatch: pytest.MonkeyPatc
         calls.append(given[2:])
         return EMPTY, {}
 
-    monkeypatch.setattr(runs, "run_core", core)
+    monkeypatch.setattr(store, "run_core", core)
     done = run(mini, request, Quiet())
     assert (done.notebook, done.results.found()) == (None, EMPTY)
     assert done.results.provenance is not None
