@@ -614,6 +614,6 @@ def displayed(monkeypatch: pytest.MonkeyPatch) -> list[tuple[dict[str, str], dic
         assert raw
         outputs.append((data, metadata or {}))
 
-    for module in ("moving", "record", "show"):
+    for module in ("show.moving", "record.chapter", "show"):
         monkeypatch.setattr(f"inswsn_book.{module}.display", display)
     return outputs

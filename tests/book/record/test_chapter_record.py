@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from conftest import MINI_LEDGER, MiniProject
 from inswsn_book.build.plain import stale_twins
+from inswsn_book.evidence.page import EvidenceRecord
 from inswsn_book.judge.ledger import data_digest
 from inswsn_book.record import ChapterRecord
 from inswsn_book.record.files import file_digest
@@ -150,12 +151,15 @@ def test_a_reference_is_noted_by_what_is_said_of_it(
     assert data_digest(mini.root, key) is None
 
 
-def test_claims_are_judged_by_what_has_been_recorded_so_far(
-    record: ChapterRecord, mini: MiniProject, displayed: list
-) -> None:
+@pytest.mark.usefixtures("displayed")
+def test_claims_are_judged_by_what_has_been_recorded_so_far(mini: MiniProject) -> None:
     other = MINI_LEDGER.partition("claims:\n")[2].partition("- {id: P2")[0]
     other = other.replace("P1-M-twice", "P1-Z-1").replace("twice}", "later}")
     mini.ledger.write_text(MINI_LEDGER + other)
+    words = mini.root / "data/evidence/00.yaml"
+    words.parent.mkdir()
+    words.write_text("{}")
+    record = EvidenceRecord("00", {"scale": 1.0}, mini.root)
     add(record, "twice", 42.4)
     assert [(e.claim.id, str(e.verdict)) for e in record.judge("P1-M-")] == [
         ("P1-M-twice", "adds up in print")

@@ -61,11 +61,17 @@ def packaged(mini: MiniProject, monkeypatch: pytest.MonkeyPatch) -> MiniProject:
     The chapter takes from two modules of the science, of which one takes from a third.
     """
     folders = mini.root / "inswsn_lib", mini.root / "inswsn_book"
-    executing = [name.partition(".")[2] for name in EXECUTING]
+    rooms = [f"{room}/__init__" for room in ("record", "run", "show", "build")]
+    executing = [name.partition(".")[2].replace(".", "/") for name in EXECUTING]
+    others = ("__init__", "a", "b", "c", "other", "record/chapter", "build/pages")
     for folder in folders:
-        folder.mkdir()
-        for name in ("__init__", "a", "b", "c", "other", "record", "show", "pages", *executing):
-            (folder / f"{name}.py").write_text("x = 1\n")
+        for name in (*others, *rooms, *executing):
+            path = folder / f"{name}.py"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text("x = 1\n")
+    # as in the checkout: a name of a room is taken over on demand
+    stub = "from .chapter import ChapterRecord as ChapterRecord\n"
+    (folders[1] / "record/__init__.pyi").write_text(stub)
     (folders[0] / "b.py").write_text("from inswsn_lib.c import x\n")
     monkeypatch.setattr(mini, "libraries", folders)
     replace_in(mini.source, "record.write()", "from inswsn_lib import a, b\nrecord.write()")
@@ -84,7 +90,7 @@ def write(name: str, old: str, new: str) -> Callable[[MiniProject], object]:
         # what the chapter loads, and what that loads
         (write("inswsn_lib/a.py", "1", "2"), True),
         (write("inswsn_lib/c.py", "1", "2"), True),
-        (write("inswsn_book/record.py", "1", "2"), True),
+        (write("inswsn_book/record/chapter.py", "1", "2"), True),
         (write("inswsn_book/run/kernels.py", "1", "2"), True),
         (lambda mini: (mini.root / "inswsn_lib/c.py").rename(mini.root / "inswsn_lib/d.py"), True),
         # what it does not load, and what is no code
@@ -283,7 +289,7 @@ def test_an_overlay_is_as_an_edited_checkout(mini: MiniProject) -> None:
         ("import sys\nsys.executable = '/usr/bin/other'",
          f"was not executed by {sys.executable} with what is installed there: its kernel is "
          "/usr/bin/other"),
-        ("import importlib.metadata as m\nfrom inswsn_book import provenance\n"
+        ("import importlib.metadata as m\nfrom inswsn_book.record import provenance\n"
          "provenance.package_versions.cache_clear()\nprovenance.version = lambda name: '2.3.5'",
          "with {'numpy': '2.3.5'"),
         ("import os\nos._exit(1)", "Chapter 00-mini failed in cell 5 of 6 (ch00-004)"),
