@@ -43,18 +43,18 @@ _build/jupyter/made: .ci/jupyter.txt
 	@touch $@
 
 notebooks: environment ## write the .ipynb twins of the chapters
-	@$(RUN) -I -X utf8 -m inswsn_book.build.plain
+	@$(RUN) -I -X utf8 -m inswsn_book.make.plain
 
 publish: environment ## make the last build's results the reference in data/published, after showing what changes, and write the notebooks with them
 	@$(INSWSN) publish
-	@$(RUN) -I -X utf8 -m inswsn_book.build.plain
+	@$(RUN) -I -X utf8 -m inswsn_book.make.plain
 	@$(RUN) studies/front_picture.py
 
 archive: book ## make one zip of the release that opens offline, in _build
-	@$(RUN) -I -X utf8 -m inswsn_book.build.archive
+	@$(RUN) -I -X utf8 -m inswsn_book.make.archive
 
 pdf: book ## print the book to _build/pdf: lessons and evidence, claims, reference; needs Chromium
-	@$(RUN) -I -X utf8 -m inswsn_book.build.volumes
+	@$(RUN) -I -X utf8 -m inswsn_book.make.volumes
 
 # Version 1 of Jupyter Book may decay; the book does not need it. What its page of the library imports is what the
 # lock holds, but for Jupyter Book.
@@ -100,7 +100,7 @@ wasm: environment ## make in _build/live what lets Python run in the reader's pa
 	@$(RUN) -X utf8 .ci/wasm.py $(if $(SOURCE),--source $(SOURCE)) $(if $(JOBS),--jobs $(JOBS))
 
 live: wasm ## build the book with Python in it, now and from now on, so that code cells of lessons run where they are read (OFF=1: no longer)
-	@$(RUN) -I -X utf8 -m inswsn_book.build.live $(if $(OFF),--off)
+	@$(RUN) -I -X utf8 -m inswsn_book.make.live $(if $(OFF),--off)
 
 mutants: environment ## change the library 200 times a room, and tell how often its tests notice
 	@$(RUN) studies/mutants.py filters lmi learning vehicle

@@ -6,7 +6,7 @@ the assembled book beside its pages.
 
 from html import escape
 
-from inswsn_book.build.site import footer
+from inswsn_book.make.site import footer
 from inswsn_book.record.project import Project, find_root
 from sphinx.util.inspect import TypeAliasForwardRef
 
@@ -32,7 +32,7 @@ globals().update(_settings)
 extensions = [
     name for name in _settings["extensions"] if name not in ("jupyter_book", "sphinx_comments")
 ]
-# `inswsn_book.build.site`, which writes the foot into pages later, has no part in this
+# `inswsn_book.make.site`, which writes the foot into pages later, has no part in this
 html_theme_options = {
     **_settings["html_theme_options"],
     "extra_footer": escape(footer(_project)),

@@ -123,7 +123,7 @@ def judged(results: Results, project: Project) -> dict[str, Judged]:
 @pytest.fixture(scope="session")
 def known(project: Project, published: dict[str, Results]) -> dict[str, Any]:
     """What the templates of the book are rendered over, from the published results."""
-    from inswsn_book.build.pages import context
+    from inswsn_book.make.pages import context
 
     return context(project, list(published.values()))
 
@@ -138,7 +138,7 @@ def findings(known: dict[str, Any]) -> Findings:
 @pytest.fixture(scope="session")
 def render(project: Project, known: dict[str, Any]) -> Render:
     """Render a page, such as ``"errata"``, with parts of what it is given replaced."""
-    from inswsn_book.build.pages import environment
+    from inswsn_book.make.pages import environment
 
     templates = environment(project.root)
 
@@ -222,7 +222,7 @@ def inswsn(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[Command]:
     """Run ``inswsn``, or another command, on a checkout in this process: a second less each."""
-    from inswsn_book.build.cli import cli, run_command as run_here
+    from inswsn_book.make.cli import cli, run_command as run_here
 
     handlers = {each: signal.getsignal(each) for each in (signal.SIGTERM, signal.SIGHUP)}
 

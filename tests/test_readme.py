@@ -12,9 +12,9 @@ from pathlib import Path
 import click
 import pytest
 from conftest import weekly_but
-from inswsn_book.build.chapters import chapter_with, gather_parameters
-from inswsn_book.build.cli import cli
-from inswsn_book.build.sweep import read_sweep
+from inswsn_book.make.chapters import chapter_with, gather_parameters
+from inswsn_book.make.cli import cli
+from inswsn_book.make.sweep import read_sweep
 from inswsn_book.record.project import Project
 from inswsn_book.run.cores import asked_schema
 

@@ -15,7 +15,7 @@ from types import ModuleType
 
 import pytest
 import yaml
-from inswsn_book.build.archive import SITE_PACKAGES
+from inswsn_book.make.archive import SITE_PACKAGES
 from inswsn_book.record.project import Project
 from inswsn_book.run.store import book_runs
 from jsonschema import Draft7Validator

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from inswsn_book.build.site import FOOTER
+from inswsn_book.make.site import FOOTER
 from jupyter_book.config import get_final_config
 
 #: What Jupyter Book sets beside. No page depends on it: the extension sets titles and authors,

@@ -14,7 +14,7 @@ def main() -> None:
         again = [sys.executable, "-I", "-X", "utf8", "-m", "inswsn_book"]
         os.execv(sys.executable, [*again, *sys.argv[1:]])
     try:
-        from inswsn_book.build.cli import cli, run_command  # noqa: PLC0415
+        from inswsn_book.make.cli import cli, run_command  # noqa: PLC0415
     except KeyboardInterrupt:  # stopped while it was still being loaded
         sys.exit("inswsn: stopped.")
     run_command(cli)

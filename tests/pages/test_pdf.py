@@ -19,7 +19,7 @@ from urllib.parse import urlsplit
 
 import pytest
 from bs4 import BeautifulSoup, Tag
-from inswsn_book.build.volumes import Volume, volumes, write_volumes
+from inswsn_book.make.volumes import Volume, volumes, write_volumes
 from inswsn_book.record.project import Project
 from pypdf import PdfReader
 

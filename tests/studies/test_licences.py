@@ -8,7 +8,7 @@ from pathlib import Path
 
 import licences
 import pytest
-from inswsn_book.build.archive import SITE_PACKAGES
+from inswsn_book.make.archive import SITE_PACKAGES
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 

@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from inswsn_book.build.archive import write_archive
-from inswsn_book.build.chapters import build_book
-from inswsn_book.build.verify import verify
+from inswsn_book.make.archive import write_archive
+from inswsn_book.make.chapters import build_book
+from inswsn_book.make.verify import verify
 from inswsn_book.record.progress import Quiet
 from inswsn_book.record.project import Project
 from inswsn_book.run.store import Request, book_runs, keep, lookup

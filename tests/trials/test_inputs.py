@@ -25,14 +25,14 @@ from typing import Any
 
 import click
 import pytest
-from inswsn_book.build import chapters, sweep
-from inswsn_book.build.chapters import gather_parameters
-from inswsn_book.build.cli import cli, run_command
-from inswsn_book.build.pages import read_json
 from inswsn_book.judge import review
 from inswsn_book.judge.claims import read_verdicts
 from inswsn_book.judge.ledger import load_claims
 from inswsn_book.judge.verdicts import verdicts
+from inswsn_book.make import chapters, sweep
+from inswsn_book.make.chapters import gather_parameters
+from inswsn_book.make.cli import cli, run_command
+from inswsn_book.make.pages import read_json
 from inswsn_book.record.notebooks import read_source
 from inswsn_book.record.parameters import (
     FILE_RULE,

@@ -21,7 +21,7 @@ from typing import Any
 
 import psutil
 import pytest
-from inswsn_book.build.sweep import read_sweep
+from inswsn_book.make.sweep import read_sweep
 from inswsn_book.record.project import Project
 from inswsn_book.run.store import lookup
 

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import MINI_LEDGER, MiniProject
-from inswsn_book.build.plain import stale_twins
 from inswsn_book.evidence.page import EvidenceRecord
 from inswsn_book.judge.ledger import data_digest
+from inswsn_book.make.plain import stale_twins
 from inswsn_book.record import ChapterRecord
 from inswsn_book.record.files import file_digest
 from inswsn_book.record.project import RESULTS_VARIABLE

@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping
 
 import pytest
 from conftest import Command, Done, MiniProject
-from inswsn_book.build.answer import published_cells
 from inswsn_book.judge.ledger import LEDGER, QuantityCheck, claims_of, load_claims
+from inswsn_book.make.answer import published_cells
 from inswsn_book.record.parameters import read_myst
 from inswsn_book.record.project import Project
 from inswsn_book.record.results import Results

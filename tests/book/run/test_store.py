@@ -61,9 +61,9 @@ def packaged(mini: MiniProject, monkeypatch: pytest.MonkeyPatch) -> MiniProject:
     The chapter takes from two modules of the science, of which one takes from a third.
     """
     folders = mini.root / "inswsn_lib", mini.root / "inswsn_book"
-    rooms = [f"{room}/__init__" for room in ("record", "run", "show", "build")]
+    rooms = [f"{room}/__init__" for room in ("record", "run", "show", "make")]
     executing = [name.partition(".")[2].replace(".", "/") for name in EXECUTING]
-    others = ("__init__", "a", "b", "c", "other", "record/chapter", "build/pages")
+    others = ("__init__", "a", "b", "c", "other", "record/chapter", "make/pages")
     for folder in folders:
         for name in (*others, *rooms, *executing):
             path = folder / f"{name}.py"
@@ -99,7 +99,7 @@ def write(name: str, old: str, new: str) -> Callable[[MiniProject], object]:
         (append("inswsn_lib/new.py"), False),
         (append("inswsn_lib/a.py"), False),
         # the pages may change without any chapter being due, and what nobody reads
-        (write("inswsn_book/build/pages.py", "1", "2"), False),
+        (write("inswsn_book/make/pages.py", "1", "2"), False),
         (append("README.md"), False),
         (append("data/papers/other.txt"), False),
         (lambda mini: os.utime(mini.source, (0, 0)), False),

@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 import pytest
 from conftest import Command, MiniProject, files_of, run_command
-from inswsn_book.build.cli import cli
+from inswsn_book.make.cli import cli
 from made_results import results
 
 import inswsn_lib

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from conftest import Command, MiniProject, git
-from inswsn_book.build.archive import main, write_archive
+from inswsn_book.make.archive import main, write_archive
 from inswsn_book.record.project import Project
 from rocrate.rocrate import ROCrate
 

@@ -23,10 +23,10 @@ from conftest import (
     unprivileged,
     weekly_but,
 )  # fmt: skip
-from inswsn_book.build import chapters
-from inswsn_book.build.chapters import gather_parameters
-from inswsn_book.build.live import main as live
-from inswsn_book.build.site import RenderingError
+from inswsn_book.make import chapters
+from inswsn_book.make.chapters import gather_parameters
+from inswsn_book.make.live import main as live
+from inswsn_book.make.site import RenderingError
 from inswsn_book.record.files import damages, write_whole
 from inswsn_book.record.parameters import read_schema
 from inswsn_book.record.project import MODULES_VARIABLE

@@ -18,7 +18,7 @@ from bs4 import BeautifulSoup
 from conftest import REPOSITORY, MiniProject, Render, git
 from docutils import nodes
 from docutils.utils import new_document
-from inswsn_book.build import sphinx_ext
+from inswsn_book.make import sphinx_ext
 from inswsn_book.record.project import Project
 from sphinx import addnodes
 

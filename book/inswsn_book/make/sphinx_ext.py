@@ -16,8 +16,8 @@ from sphinx import addnodes
 from sphinx.util import docname_join, logging
 from sphinx.util.index_entries import split_index_msg
 
-from inswsn_book.build.access import finish_site
-from inswsn_book.build.site import ALONE, FOOTER
+from inswsn_book.make.access import finish_site
+from inswsn_book.make.site import ALONE, FOOTER
 from inswsn_book.record.files import text_digest
 from inswsn_book.record.project import Project, find_root
 from inswsn_book.record.provenance import available_cores

@@ -31,8 +31,8 @@ from pypdf.generic import (
     TextStringObject,
 )
 
-from inswsn_book.build.cli import run_command
-from inswsn_book.build.site import footer, require_current_site
+from inswsn_book.make.cli import run_command
+from inswsn_book.make.site import footer, require_current_site
 from inswsn_book.record.files import temporary_folder
 from inswsn_book.record.project import Project, find_root
 from inswsn_book.run.store import book_runs

@@ -6,7 +6,7 @@ import re
 
 import pytest
 from conftest import ROOT
-from inswsn_book.build.glossary import FirstUses, terms_of
+from inswsn_book.make.glossary import FirstUses, terms_of
 
 PAGE = """# Terms
 

@@ -10,7 +10,7 @@ import sys
 import nbformat
 import pytest
 from conftest import MiniProject, assert_plain
-from inswsn_book.build.plain import PlainBook, stale_twins
+from inswsn_book.make.plain import PlainBook, stale_twins
 from inswsn_book.record.notebooks import notebook_text, read_source, strip_run
 from inswsn_book.record.project import ROOT_VARIABLE, Project
 from made_results import quantity, results
@@ -184,6 +184,6 @@ def test_a_twin_holds_no_output_and_is_written_where_it_is_stale(mini: MiniProje
     chapter.twin.write_text(text.replace("float = 2.0", "float = 3.0"))
     lost.write_text("{}")
     assert stale_twins(mini) == {chapter.twin: text, lost: None}
-    write = [sys.executable, "-m", "inswsn_book.build.plain"]
+    write = [sys.executable, "-m", "inswsn_book.make.plain"]
     subprocess.run(write, env=os.environ | {ROOT_VARIABLE: str(mini.root)}, check=True)
     assert (stale_twins(mini), lost.exists()) == ({}, False)

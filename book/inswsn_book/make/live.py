@@ -1,11 +1,11 @@
-"""``python -m inswsn_book.build.live``: have the book rendered with Python in it, from now on."""
+"""``python -m inswsn_book.make.live``: have the book rendered with Python in it, from now on."""
 
 from __future__ import annotations
 
 import click
 
-from inswsn_book.build.chapters import build_book
-from inswsn_book.build.cli import run_command
+from inswsn_book.make.chapters import build_book
+from inswsn_book.make.cli import run_command
 from inswsn_book.record.progress import Progress
 from inswsn_book.record.project import Project, find_root
 

@@ -8,8 +8,8 @@ import pydata_sphinx_theme
 import pytest
 from bs4 import BeautifulSoup
 from fontTools.ttLib import TTFont
-from inswsn_book.build.access import finish_site, improve
-from inswsn_book.build.slim import classes_of, slim
+from inswsn_book.make.access import finish_site, improve
+from inswsn_book.make.slim import classes_of, slim
 
 TABLE = "<table><thead><tr><th>m</th></tr></thead><tbody><tr><th>HF</th></tr></tbody></table>"
 

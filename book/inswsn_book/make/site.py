@@ -17,7 +17,7 @@ from contextlib import suppress
 from html import escape
 from pathlib import Path
 
-from inswsn_book.build.slim import classes_of, slim
+from inswsn_book.make.slim import classes_of, slim
 from inswsn_book.record import files
 from inswsn_book.record.imports import code_files
 from inswsn_book.record.progress import Progress
@@ -40,7 +40,7 @@ _SPHINX = """
 import gc, os, signal, sys, threading
 from pathlib import Path
 from jupyter_book.sphinx import build_sphinx
-import inswsn_book.build.sphinx_ext, sphinx.builders.html, sphinx_book_theme
+import inswsn_book.make.sphinx_ext, sphinx.builders.html, sphinx_book_theme
 stage = Path(sys.stdin.readline().rstrip("\\n") or sys.exit(1))
 end = lambda: os.read(0, 1) or os.killpg(0, signal.SIGKILL)
 threading.Thread(target=end, daemon=True).start()
@@ -137,7 +137,7 @@ def _render(
 
 
 def _staged(project: Project, runs: Sequence[Run], source: Path, alone: str | None) -> list[str]:
-    from inswsn_book.build.pages import stage_book  # noqa: PLC0415  # takes long
+    from inswsn_book.make.pages import stage_book  # noqa: PLC0415  # takes long
 
     warnings = stage_book(project, runs, source)
     if alone is not None:
@@ -153,7 +153,7 @@ def _copied(project: Project, runs: Sequence[Run], html: Path, site: Path) -> Pa
 
     Notebooks to download are those that read anywhere, in the place of the staged ones.
     """
-    from inswsn_book.build.pages import plain_notebooks  # noqa: PLC0415  # takes long
+    from inswsn_book.make.pages import plain_notebooks  # noqa: PLC0415  # takes long
 
     foot, classes = escape(footer(project)), set[str]()
 

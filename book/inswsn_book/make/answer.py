@@ -7,7 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from inswsn_book.build.chapters import (
+from inswsn_book.judge.claims import plain
+from inswsn_book.judge.ledger import LEDGER, Claim, QuantityCheck, claims_of, load_claims
+from inswsn_book.judge.verdicts import verdicts
+from inswsn_book.make.chapters import (
     COMPARISON,
     REPORT,
     chapter_with,
@@ -16,9 +19,6 @@ from inswsn_book.build.chapters import (
     parameters_in,
     run_chapter,
 )
-from inswsn_book.judge.claims import plain
-from inswsn_book.judge.ledger import LEDGER, Claim, QuantityCheck, claims_of, load_claims
-from inswsn_book.judge.verdicts import verdicts
 from inswsn_book.record.notebooks import read_notebook
 from inswsn_book.record.parameters import Schema, Value
 from inswsn_book.record.progress import Progress

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 from conftest import Command, MiniProject, files_of
-from inswsn_book.build.archive import write_archive
-from inswsn_book.build.verify import _of_chapter, _read, verify
+from inswsn_book.make.archive import write_archive
+from inswsn_book.make.verify import _of_chapter, _read, verify
 from inswsn_book.record.files import seal_folder
 from inswsn_book.record.progress import Quiet
 from inswsn_book.record.project import Project

@@ -9,7 +9,9 @@ from typing import Any
 import nbformat
 import pytest
 from conftest import MiniProject, Render
-from inswsn_book.build.pages import (
+from inswsn_book.judge.ledger import MissingCheck
+from inswsn_book.judge.verdicts import OUTCOMES, verdicts
+from inswsn_book.make.pages import (
     context,
     environment,
     reference,
@@ -18,8 +20,6 @@ from inswsn_book.build.pages import (
     with_notes,
     with_pictures,
 )
-from inswsn_book.judge.ledger import MissingCheck
-from inswsn_book.judge.verdicts import OUTCOMES, verdicts
 from inswsn_book.record.results import Provenance
 from inswsn_book.run.store import Request, Run
 from made_results import claim, results

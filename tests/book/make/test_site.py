@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 from conftest import MiniProject, files_of, git, run_command
-from inswsn_book.build import site
-from inswsn_book.build.site import footer, require_current_site
+from inswsn_book.make import site
+from inswsn_book.make.site import footer, require_current_site
 from inswsn_book.record.files import seal_folder
 from inswsn_book.record.provenance import machine_facts, repository_state
 from inswsn_book.run.store import Request, Run

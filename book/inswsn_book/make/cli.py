@@ -61,7 +61,7 @@ def book(root: Path | None, fresh: bool, jobs: int | None) -> None:
 
     For example: inswsn book --jobs 1
     """
-    from inswsn_book.build.chapters import build_book
+    from inswsn_book.make.chapters import build_book
     from inswsn_book.record.progress import Progress
 
     project = _project(root)
@@ -141,7 +141,7 @@ def run(
 
     For example: inswsn run 2 -p range_noise=0.5
     """
-    from inswsn_book.build.answer import ask
+    from inswsn_book.make.answer import ask
 
     for line in ask(_project(root), name, settings, file, **how):
         click.echo(line)
@@ -181,7 +181,7 @@ def sweep(
     each cell executes the notebook. Finished cells are kept however the command ends, and the same
     command goes on from there; it also tries failed cells again.
     """
-    from inswsn_book.build.sweep import read_sweep, run_sweep
+    from inswsn_book.make.sweep import read_sweep, run_sweep
     from inswsn_book.record.progress import Progress
 
     project = _project(root)
@@ -205,8 +205,8 @@ def compare(root: Path | None, before: Path, after: Path) -> None:
 
     For example: inswsn compare data/published/p1-training.json results/p1-training.json
     """
-    from inswsn_book.build.answer import part_of
     from inswsn_book.judge.ledger import LEDGER, claims_of, load_claims
+    from inswsn_book.make.answer import part_of
     from inswsn_book.record.results import read_results
     from inswsn_book.run.compare import comparison
 
@@ -313,7 +313,7 @@ def verify(root: Path | None, path: Path | None, names: tuple[str, ...]) -> None
     Files are checked against their digests, numbers on the pages against the results, and chapters
     that are executed again against the reference results, within their tolerances.
     """
-    from inswsn_book.build.verify import verify as checks
+    from inswsn_book.make.verify import verify as checks
     from inswsn_book.record.progress import Progress
 
     folder, differing = path.resolve() if path else _project(root).root, 0

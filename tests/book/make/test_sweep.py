@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 import distributed
 import pytest
 from conftest import Command, MiniProject, SweepProject
-from inswsn_book.build.sweep import read_sweep
+from inswsn_book.make.sweep import read_sweep
 from inswsn_book.record.parameters import chapter_schema
 from inswsn_book.record.project import Project
 from inswsn_book.run.store import Request, lookup
@@ -189,7 +189,7 @@ def test_workers_that_would_find_other_numbers_are_refused(
     said: str,
 ) -> None:
     if threads == 1:
-        monkeypatch.setattr("inswsn_book.build.sweep._state", lambda *_: str(time.monotonic_ns()))
+        monkeypatch.setattr("inswsn_book.make.sweep._state", lambda *_: str(time.monotonic_ns()))
     done = inswsn(swept.project.root, *swept.words("5", "--dask", cluster(threads)))
     assert (done.returncode, done.stdout) == (2, "")
     assert said in done.stderr
@@ -212,7 +212,7 @@ def test_a_sweep_whose_only_worker_is_gone_takes_a_new_one_or_ends(
 
         workers.append(scheduler.sync(started))
 
-    monkeypatch.setattr("inswsn_book.build.sweep._PATIENCE_SECONDS", 20.0 if comes else 0.2)
+    monkeypatch.setattr("inswsn_book.make.sweep._PATIENCE_SECONDS", 20.0 if comes else 0.2)
     asked = []
 
     def leave(*_: object) -> str:  # asked when cells are shared out, and by who computes them
@@ -223,7 +223,7 @@ def test_a_sweep_whose_only_worker_is_gone_takes_a_new_one_or_ends(
                 start()
         return "state"
 
-    monkeypatch.setattr("inswsn_book.build.sweep._state", leave)
+    monkeypatch.setattr("inswsn_book.make.sweep._state", leave)
     with scheduler:
         start()
         done = inswsn(

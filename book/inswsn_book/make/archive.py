@@ -18,10 +18,10 @@ import click
 from rocrate.model import ContextEntity, File
 from rocrate.rocrate import ROCrate
 
-from inswsn_book.build.cli import run_command
-from inswsn_book.build.pages import plain_notebooks
-from inswsn_book.build.site import require_current_site
 from inswsn_book.judge.claims import judge, verdicts_text
+from inswsn_book.make.cli import run_command
+from inswsn_book.make.pages import plain_notebooks
+from inswsn_book.make.site import require_current_site
 from inswsn_book.record.files import MANIFEST, manifest_text, write_whole
 from inswsn_book.record.project import Project, find_root
 from inswsn_book.record.provenance import repository_state

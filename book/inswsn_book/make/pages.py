@@ -1,6 +1,6 @@
 """The pages of the book: templates over results and ledger, staged with the executed chapters.
 
-Pages in ``book/`` are Jinja templates. `inswsn_book.build.site` renders what is staged here.
+Pages in ``book/`` are Jinja templates. `inswsn_book.make.site` renders what is staged here.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from jinja2 import (
 )
 
 import inswsn_lib
-from inswsn_book.build.glossary import FirstUses, terms_of
-from inswsn_book.build.plain import PlainBook
 from inswsn_book.judge import review
 from inswsn_book.judge.claims import judge
 from inswsn_book.judge.ledger import KINDS, LEDGER, PAPERS, Claim, claims_of, load_claims
 from inswsn_book.judge.verdicts import OUTCOMES, Verdict, count_verdicts
+from inswsn_book.make.glossary import FirstUses, terms_of
+from inswsn_book.make.plain import PlainBook
 from inswsn_book.record import files
 from inswsn_book.record.notebooks import cell_prefix, notebook_text, read_notebook
 from inswsn_book.record.parameters import chapter_schema

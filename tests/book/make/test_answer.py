@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from inswsn_book.build.answer import MOST, WIDTH, differences, findings, of_core
-from inswsn_book.build.chapters import chapter_with
 from inswsn_book.judge.claims import plain
+from inswsn_book.make.answer import MOST, WIDTH, differences, findings, of_core
+from inswsn_book.make.chapters import chapter_with
 from inswsn_book.record.project import Project
 from inswsn_book.record.results import Results
 from inswsn_book.run.assumptions import Headline, load_assumptions, quick_request

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 import inswsn_lib
-from inswsn_book.build.answer import unit_of, value_of
-from inswsn_book.build.chapters import chapter_with, gather_parameters
+from inswsn_book.make.answer import unit_of, value_of
+from inswsn_book.make.chapters import chapter_with, gather_parameters
 from inswsn_book.record.files import check_folder, made_folder, text_digest, write_whole
 from inswsn_book.record.parameters import Schema, Value
 from inswsn_book.record.progress import Progress, Quiet

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import yaml
 
-from inswsn_book.build.site import check_pages, render_book, render_run
+from inswsn_book.make.site import check_pages, render_book, render_run
 from inswsn_book.record import parameters
 from inswsn_book.record.files import (
     check_folder,
@@ -146,7 +146,7 @@ def run_chapter(
         of_part = results.provenance.model_copy(update={"only": only})
         results = results.model_copy(update={"provenance": of_part})
     answer, lines = tell(results, folder.resolve())
-    from inswsn_book.build.pages import plain_notebooks  # noqa: PLC0415  # takes long
+    from inswsn_book.make.pages import plain_notebooks  # noqa: PLC0415  # takes long
 
     files = {"parameters.yml": text, "answer.txt": "\n".join([*answer, ""]), **done.files}
     if done.notebook:

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from bs4 import BeautifulSoup
 
-from inswsn_book.build.site import require_current_site
 from inswsn_book.judge.claims import judge
 from inswsn_book.judge.review import Findings
+from inswsn_book.make.site import require_current_site
 from inswsn_book.record.chapter import plain
 from inswsn_book.record.files import MANIFEST, damages
 from inswsn_book.record.progress import Progress
