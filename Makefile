@@ -19,7 +19,7 @@ PORT    ?= 8000
 LAB     ?=
 # processes that run tests; each computes with one thread, and waits for pages and processes half of its time. One
 # that has no tests left takes half of those that wait for another: files take too unlike a time to be dealt out whole.
-WORKERS ?= 3
+WORKERS ?= 4
 
 book: environment ## execute every chapter and render the book to _build/html (FRESH=1 ignores the cache)
 	@$(INSWSN) book $(if $(FRESH),--fresh) $(if $(JOBS),--jobs $(JOBS))
