@@ -115,7 +115,7 @@ def test_damages_are_noticed(
     chance, began, found = random.Random(seed), time.monotonic(), Counter[str]()
     assert [differences(f) for f in (mini.root, folders["sweep"], folders["archive"])] == [[]] * 3
     missed = []
-    for _ in range(number := size(6, 500)):
+    for _ in range(number := size(4, 500)):
         area = chance.choice(list(folders))
         files = sorted(path for path in folders[area].rglob("*") if path.is_file())
         path = chance.choice(files)

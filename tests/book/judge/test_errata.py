@@ -438,6 +438,14 @@ def test_the_percentages_of_p2_imply_a_worse_rival() -> None:
     assert (40 + 83) / 2 == 61.5
 
 
+def test_sound_needs_longer_than_a_period_of_p2() -> None:
+    speed = np.sqrt(1.4 * 8.314 * 293.15 / 0.02897)  # of an ideal gas as light as air, m/s
+    assert speed == pytest.approx(343, abs=1)
+    assert 12 / speed == pytest.approx(0.035, abs=1e-4)
+    assert 0.02 * speed < 7
+    assert 5 * 12 / speed < 0.2 < 6 * 12 / speed
+
+
 def test_a_noise_with_a_mean_has_no_finite_energy() -> None:
     w = 6.5 + 1.2 * np.random.default_rng(10).standard_normal(100000)
     for n in (1000, 100000):

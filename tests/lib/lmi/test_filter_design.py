@@ -35,7 +35,7 @@ from inswsn_lib.lmi.units import Units
 
 FORMS: tuple[Form, ...] = ("exact", "printed")
 KINDS = ("stable", "unstable", "hidden", "badly scaled")
-EACH = 60 if WHOLE else 8
+EACH = 60 if WHOLE else 5
 # What may differ between solvers: the relative accuracy of gamma.
 CLOSE = 1e-4
 WALK = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import WHOLE
 from made_folders import needs
 from made_recording import made, made_drive, made_imu, motion
 
@@ -166,7 +167,7 @@ def report_of_carried() -> Report:
     return report(carried(), begins=1)
 
 
-@pytest.mark.parametrize("velocities", [True, False])
+@pytest.mark.parametrize("velocities", [pytest.param(True, marks=pytest.mark.whole), False])
 def test_a_mirrored_network_beside_an_imu_is_told(velocities: bool) -> None:
     """The filter starts as badly as it may; or it cannot, but with the other sign of y it could."""
     right = carried()
@@ -291,7 +292,7 @@ def test_the_sentence_warns_of_a_track_that_is_worse(
     assert sentence_of([set_up], table, judge).startswith("The set-up does not fit: imu: a gap.")
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 5])
+@pytest.mark.parametrize("count", [1, 2, 3, 5] if WHOLE else [2])
 def test_few_fixes_are_no_filter_that_is_consistent(count: int) -> None:
     right = drive()
     [there] = np.nonzero(np.isfinite(right.fixes.position[:, 0]))

@@ -236,8 +236,8 @@ def test_ranges_that_mean_nothing_are_named_and_left_out(value: float, share: fl
     assert wrong(findings) == ["values: ranges, failed"]
 
 
-def test_no_range_of_a_hundred_recordings_is_taken_for_a_failed_one() -> None:
-    for seed in range(100):
+def test_no_range_of_a_recording_is_taken_for_a_failed_one() -> None:
+    for seed in range(100 if WHOLE else 20):
         right = made_drive(seed) if seed % 4 == 0 else made(seed, still=seed % 2 == 0)
         for digits in (9, 2, 1, 0):
             distance = right.ranges.distance.round(digits)
@@ -364,7 +364,7 @@ def test_rows_that_no_motion_joins_are_named_and_left_out(seed: int) -> None:
 
 @pytest.mark.parametrize(("late", "says"), [(18.0, "ahead of UTC"), (-3.0, "early"), (7200, "2 h")])
 def test_a_clock_that_is_far_off_is_told_and_no_other_axes(late: float, says: str) -> None:
-    for seed in (4, 5, 7):
+    for seed in (4, 5, 7) if WHOLE else (4,):
         car = made_car(seed)
         moved = replace(car, fixes=replace(car.fixes, time=car.fixes.time + late))
         found = [x for x in check_set_up(moved) if x.fits is False and x.name != "span"]
