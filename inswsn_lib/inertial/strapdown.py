@@ -11,9 +11,10 @@ from inswsn_lib.checks import Array
 from inswsn_lib.inertial.earth import Earth
 from inswsn_lib.inertial.mechanization import ERRORS, cut, rotation_vector, turned
 from inswsn_lib.inertial.steps import Steps
-from inswsn_lib.streams import Imu, Recording
+from inswsn_lib.streams import Imu, Recording, Whole
 
 POSITION, VELOCITY, ATTITUDE = slice(0, 3), slice(3, 6), slice(6, 9)
+_KEPT = 200_000  # pieces of a motion that is cut, whose numbers take 11 MB
 FORCE_BIAS, RATE_BIAS = slice(9, 12), slice(12, 15)
 
 
@@ -126,6 +127,10 @@ class InertialMotion:
     noise: ImuNoise
     earth: Earth | None = None
     substep: float = 0.2
+    # what was cut last, which a search over noises asks for again and again
+    _cuts: dict[tuple[float, bytes], tuple[Imu, Array, Whole, Array, Array]] = field(
+        default_factory=dict, repr=False, compare=False
+    )
 
     @classmethod
     def of(cls, recording: Recording, noise: ImuNoise) -> InertialMotion:
@@ -145,10 +150,18 @@ class InertialMotion:
 
         :meta private:
         """
-        lengths, of, ends = cut(self.imu.time, begin, events)
-        rates, forces = (
-            0.5 * (values[of - 1] + values[of])[None] for values in (self.imu.rate, self.imu.force)
-        )
+        key = begin, events.tobytes()
+        found = self._cuts.get(key)
+        if found is None or found[0] is not self.imu:
+            lengths, of, ends = cut(self.imu.time, begin, events)
+            values = self.imu.rate, self.imu.force
+            rates, forces = (0.5 * (each[of - 1] + each[of])[None] for each in values)
+            found = self.imu, lengths, ends, rates, forces
+            if len(lengths) <= _KEPT:
+                for old in [*self._cuts][:-1]:  # two are kept
+                    del self._cuts[old]
+                self._cuts[key] = found
+        _, lengths, ends, rates, forces = found
         names = ("force", "rate", "force_walk", "rate_walk")
         return Steps(
             lengths, rates, forces, ends, np.array([getattr(self.noise, n) for n in names]),

@@ -331,7 +331,11 @@ class InertialCorrection(Correction):
 
     def motion(self, first: float, second: float) -> InertialMotion:
         """Return the integration of the IMU with noises of force and rate as of `ImuNoise`."""
-        return InertialMotion.of(self.recording, ImuNoise(first, second, *WALKS))
+        return replace(self._motion, noise=ImuNoise(first, second, *WALKS))
+
+    @cached_property
+    def _motion(self) -> InertialMotion:
+        return InertialMotion.of(self.recording, ImuNoise(0.0, 0.0, *WALKS))
 
     def _observed(self, numbers: Sequence[float], gone: Mask | None = None) -> list[Observation]:
         (white, *others), measured = numbers, self._measured

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from inswsn_lib import inertial as nav
 from inswsn_lib.inertial.mechanization import rotation_vector, turned
-from inswsn_lib.streams import Odometry
+from inswsn_lib.streams import Imu, Odometry
 
 QUIET = nav.ImuNoise(0.0, 0.0, 0.0, 0.0)
 STILL = nav.OdometryNoise(0.0, 0.0, 0.0, 0.0)
@@ -136,3 +136,16 @@ def test_the_noise_of_dead_reckoning_is_that_of_many_runs() -> None:
         [(0.1 * u * np.cos(middle)).sum(0), (0.1 * u * np.sin(middle)).sum(0), heading[-1]]
     )
     assert np.sqrt(np.diag(np.cov(ends))) == pytest.approx(np.sqrt(np.diag(Q)[:3]), rel=0.06)
+
+
+def test_what_was_cut_is_of_these_samples_alone() -> None:
+    """Another noise has the same pieces; other samples at the same times have their own."""
+    time, events = 0.01 * np.arange(200), np.array([0.5, 1.0])
+    one = Imu(time, np.ones((200, 3)), np.zeros((200, 3)))
+    motion = nav.InertialMotion(one, nav.ImuNoise(0.1, 0.1, 0.1, 0.1))
+    steps = motion.between(0.0, events)
+    louder = replace(motion, noise=nav.ImuNoise(0.2, 0.1, 0.1, 0.1)).between(0.0, events)
+    assert (louder.forces is steps.forces, louder.densities[0]) == (True, 0.2)
+    other = replace(motion, imu=replace(one, rate=2 * one.rate)).between(0.0, events)
+    assert other.rates == pytest.approx(2 * steps.rates)
+    assert motion.between(0.5, events[1:]).rates.shape[1] == 50
