@@ -4,7 +4,7 @@
    which the library has computed all that moves at every place of the sliders that it depends on.
    This script looks up and draws, and computes nothing. It puts the charts in the place of the still
    picture that the section names; without it, and in print, the picture stays. In JupyterLab the widget of
-   inswsn_book.widget holds this script, and builds its section alone. */
+   inswsn_book.lab.widget holds this script, and builds its section alone. */
 "use strict";
 
 (() => {

@@ -86,7 +86,8 @@ def _reductions(
     ends = f"{words}: median and 95 % of the runs."
     for i, axis in enumerate(AXES):
         for key, rival in _RIVALS.items():
-            how = f"Reduction of the mean absolute error of {rival} by DHF, {axis}, {ends}"
+            said = "Reduction (below zero an increase) of the mean absolute error of"
+            how = f"{said} {rival} by DHF, {axis}, {ends}"
             yield f"{prefix}.{axis}.{key}", Finding.of_runs(found[key][i], "%", how)
     for part, rows in _MEANS.items():
         how = f"Mean over x and y of the reductions of the {part} error of FKF by DHF, {ends}"

@@ -7,7 +7,6 @@ import re
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from difflib import get_close_matches
 from pathlib import Path
 
 from rich.console import Console
@@ -25,6 +24,7 @@ from inswsn_book.judge.review import (
 )
 from inswsn_book.judge.verdicts import VERDICTS, Earlier, Judged, count_verdicts, verdicts
 from inswsn_book.record.files import check_listed
+from inswsn_book.record.parameters import nearest
 from inswsn_book.record.project import Project
 from inswsn_book.record.results import Frozen, Results, read_results
 from inswsn_lib.errors import InswsnError, ParameterError
@@ -86,12 +86,10 @@ def judge_claims(
     check_listed(project.published)
     judged = judge(project.root, [_whole(project, read_results(path)) for path in paths.values()])
     if identity is not None:
-        ids = {entry.claim.id.lower(): entry for entry in judged}
-        if identity.lower() not in ids:
-            near = get_close_matches(identity.lower(), ids, 1, 0.4)
-            hint = f" (the nearest is {ids[near[0]].claim.id})" if near else ""
-            raise ParameterError("ID", identity, f"the id of a claim{hint}")
-        judged = [ids[identity.lower()]]
+        ids = {entry.claim.id: entry for entry in judged}
+        if identity not in ids:
+            raise ParameterError("ID", identity, "the id of a claim" + nearest(identity, ids))
+        judged = [ids[identity]]
     for name, word in asked.items():
         judged = [e for e in judged if word in (e.verdict, e.words, getattr(e.claim, name, None))]
     return judged

@@ -107,12 +107,6 @@ class Judged:
         return tested and self.claim.assumption is not None
 
     @property
-    def printed_within(self) -> bool:
-        """Whether the number that is printed lies in the interval of the quantity."""
-        low, high = (self.quantity and self.quantity.interval) or (math.nan, math.nan)
-        return low <= float(str(self.claim.value)) <= high
-
-    @property
     def words(self) -> str:
         """The verdict in words, such as ``"not reproduced under a stated assumption"``."""
         return self.verdict + _ASSUMED * self.assumed

@@ -35,7 +35,7 @@ from inswsn_book.run.compare import (
 from inswsn_book.run.cores import asked_schema
 from inswsn_book.run.part import Part, alone
 from inswsn_book.run.store import Request, reference_results
-from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.errors import Described, InswsnError, ParameterError
 from inswsn_lib.files import read_text
 
 #: The most findings that are told, and the most characters of a line
@@ -75,9 +75,9 @@ def ask(
     claims = claims_of(every_claim, chapter.id)
     part: Part | None = None
     if only is not None:
-        for flag, of in (("quick", "runs no cell"), ("html", "needs all cells")):
-            if quick if flag == "quick" else how["html"]:
-                raise ParameterError("--only", f"given with --{flag}", f"without it, which {of}")
+        other = "--quick, which runs no cell" if quick else "--html, which needs all cells"
+        if quick or how["html"]:
+            raise ParameterError("--only", Described(f"with {other}"), "given without it")
         _refuse_elsewhere(every_claim, only, chapter.id)
         published = published_cells(chapter)
         source = read_text(chapter.source)
@@ -86,18 +86,19 @@ def ask(
     if quick:
         request = quick_request(project.root, chapter, values)
         if request.core and how["html"]:
-            raise ParameterError("--html", "given with --quick", "left out: no page is executed")
+            other = "with --quick, which executes no page"
+            raise ParameterError("--html", Described(other), "given without it")
     elif only is None and before.provenance and before.provenance.seconds > LONG:
         yield (
             f"The published run took {before.provenance.seconds:.0f} s. --quick computes findings "
             "alone, by fewer runs and so less surely, and judges no sentence and no verdict."
         )
-    known = (project.root / ASSUMPTIONS).is_file()
+    known, changed = (project.root / ASSUMPTIONS).is_file(), edited(project.root)
     headlines = load_assumptions(project.root).of_chapter(chapter.id) if known else []
 
     def tell(results: Results, folder: Path) -> tuple[list[str], list[str]]:
         took = results.provenance.seconds if results.provenance else 0
-        asked = question(chapter.id, schema, values, edited(project.root))
+        asked = question(chapter.id, schema, values, changed)
         if request.core:
             runs = [max(q.runs for q in r.quantities) for r in (results, before)]
             lines = [asked, *of_core(headlines, before, results)]
@@ -120,7 +121,9 @@ def ask(
         return lines, comparison(before, results, claims)
 
     with Progress() as progress:
-        folder, lines = run_chapter(project, request, progress, tell, only=only, **how)
+        folder, lines = run_chapter(
+            project, request, progress, tell, only=only, changed=changed, **how
+        )
     report = folder / REPORT
     if report.is_file() and own_data(schema, values):
         lines = [f"The run is in {folder}", report.read_text(encoding="utf-8").rstrip()]
@@ -239,10 +242,10 @@ def of_part(
     judged = [c for c in claims if isinstance(c.check, QuantityCheck) and c.check.quantity in made]
     cells = {after.cells.get(name) for name in names}
     near = [name for name, cell in after.cells.items() if cell in cells]
-    rest = [q for q in after.quantities if q.name not in names or not own]
-    others = after.model_copy(update={"quantities": tuple(rest)})
-    if rest:
-        lines += moved(part_of(before, others), others, near)
+    told = {claim.check.quantity for claim in own if isinstance(claim.check, QuantityCheck)}
+    rest = tuple(q for q in after.quantities if q.name not in told)
+    others = after.model_copy(update={"quantities": rest})
+    lines += moved(part_of(before, others), others, near) if rest else []
     return lines + differences(before, after, judged, " computed here")
 
 

@@ -24,7 +24,6 @@ from inswsn_book.record.notebooks import with_answer
 from inswsn_book.record.parameters import Parameter, Schema, Value, chapter_schema
 from inswsn_book.record.progress import Progress
 from inswsn_book.record.project import Chapter, Project
-from inswsn_book.record.provenance import edited
 from inswsn_book.record.results import Results, write_results
 from inswsn_book.run import store
 from inswsn_book.run.compare import check_kept_studies
@@ -122,12 +121,14 @@ def run_chapter(
     html: bool = False,
     fresh: bool = False,
     only: str | None = None,
+    changed: Iterable[str] = (),
 ) -> tuple[Path, list[str]]:
     """Run a chapter, or `only` a part, into a folder of its own, whole or not at all.
 
     That is the executed notebook, its results, ``parameters.yml``, what the chapter wrote for its
     reader, and, if asked for, the chapter's page of this run. `tell` gives, of the results and the
-    folder, the lines of the answer, which are returned with it, and those of `COMPARISON`.
+    folder, the lines of the answer, which are returned with it, and those of `COMPARISON`. Each
+    part, and each state of files that were changed, has a folder of its own.
     """
     number, values = request.chapter, request.parameters
     name = project.by_id(number).source.stem
@@ -135,9 +136,8 @@ def run_chapter(
     every = schema.check(values).items()
     given = {n: v for n, v in every if n in values or not schema[n].scenario}
     text = yaml.safe_dump(given, sort_keys=False)
-    # a folder for each thing that is asked, of a checkout as it is
-    changed = [p for p in map(project.root.joinpath, edited(project.root)) if p.is_file()]
-    key = text_digest(text + (only or "") + (tree_digest(project.root, changed) if changed else ""))
+    edits = [path for path in map(project.root.joinpath, changed) if path.is_file()]
+    key = text_digest(text + (only or "") + (tree_digest(project.root, edits) if edits else ""))
     folder = out or project.root / "runs" / f"{name}-{key[:8]}"
     check_folder(folder)
     done = store.run(project, request, progress, fresh=fresh)

@@ -253,6 +253,8 @@ def claims(
     from inswsn_book.judge import claims as judging
     from inswsn_book.run.compare import differing
 
+    if name and any(wanted.values()):
+        raise ParameterError("ID", name, "given without --paper, --kind and --verdict")
     if against is not None and (as_json or name or any(wanted.values())):
         alone = "given without an ID, --paper, --kind, --verdict and --json"
         raise ParameterError("--against", Described("with them"), alone)

@@ -17,7 +17,7 @@ from __future__ import annotations
 import ast
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cache
@@ -103,6 +103,12 @@ class Parameter:
         return self.check(text if self.kind == "str" else read_scalar(text))
 
 
+def nearest(name: str, names: Iterable[str], least: float = 0.6) -> str:
+    """Return a hint at the name that is most like one that is none, if one is like it enough."""
+    found = get_close_matches(name, [*names], 1, least)
+    return f" (the nearest is {found[0]})" if found else ""
+
+
 @dataclass(frozen=True)
 class Schema:
     """The parameters of a chapter, in the order of its cell."""
@@ -116,9 +122,7 @@ class Schema:
                 return parameter
         names = [parameter.name for parameter in self.parameters]
         must_be = f"one of {', '.join(names) or 'those of the chapter, which has none'}"
-        if nearest := get_close_matches(name, names, 1):
-            must_be += f" (the nearest is {nearest[0]})"
-        raise ParameterError("parameter", name, must_be)
+        raise ParameterError("parameter", name, must_be + nearest(name, names))
 
     @property
     def defaults(self) -> dict[str, Value]:

@@ -41,7 +41,7 @@ def edited(root: Path) -> list[str]:
     if repository_state(root)[0] is None:
         return []
     which = ("chapters/*.md", "inswsn_lib", "book/inswsn_book/evidence", "data")
-    return (_git(root, "diff", "--name-only", "HEAD", "--", *which) or "").split()
+    return (_git(root, "diff", "--name-only", "HEAD", "--", *which) or "").splitlines()
 
 
 def _git(root: Path, *words: str) -> str | None:

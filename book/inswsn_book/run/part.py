@@ -6,12 +6,12 @@ import ast
 import symtable
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from difflib import SequenceMatcher, get_close_matches
+from difflib import SequenceMatcher
 from functools import cached_property
 from typing import Any
 
 from inswsn_book.judge.ledger import Claim, QuantityCheck
-from inswsn_book.record.parameters import read_myst
+from inswsn_book.record.parameters import nearest, read_myst
 from inswsn_lib.errors import ParameterError
 
 # what the record gives back of what was recorded; what else a chapter calls of it only adds to it
@@ -231,8 +231,7 @@ def alone(
     wanted = {at[each] for each in quantities} | ({known[asked]} if asked in known else set())
     quantities |= set() if quantities else {each for each, place in at.items() if place in wanted}
     if not wanted:
-        near = get_close_matches(asked, [*decided, *known], 1, 0.4)
-        hint = f" (the nearest is {near[0]})" if near else ""
+        hint = nearest(asked, [*decided, *known], 0.4)
         raise ParameterError("--only", asked, f"a claim, a quantity or a table of {name}{hint}")
     parameters = next(i for i, c in zip(code, cells, strict=True) if _declares(notebook.cells[i]))
     kept = {code[place] for place in needed(cells, wanted, at.values())} | {parameters}

@@ -49,14 +49,18 @@ def test_claims_are_selected_and_counted(project: Project, inswsn: Command) -> N
 
 
 def test_all_of_one_claim_is_told(project: Project, inswsn: Command) -> None:
-    text = inswsn(project.root, "claims", "p1-z-01").stdout
+    text = inswsn(project.root, "claims", "P1-Z-01").stdout
     parts = ["HF gives optimal", "Verdict: not reproduced under a stated assumption", "Assumed: "]
     parts += ["Named in R-P1-07: What was the Kalman filter?", "Named in E-P1-18: "]
     parts += ["overall.hf-over-kf, 256 runs: ", "inswsn run p1-outages --only P1-Z-01"]
     assert [said for said in parts if said not in text] == []
     assert "$" not in text
-    refused = inswsn(project.root, "claims", "P1-Z-1")
-    assert (refused.returncode, "the nearest is P1-Z-0" in refused.stderr) == (2, True)
+    for words, said in (
+        (["P1-Z-1"], "the nearest is P1-Z-0"),
+        (["P1-Z-01", "--paper", "P2"], "ID"),
+    ):
+        refused = inswsn(project.root, "claims", *words)
+        assert (refused.returncode, said in refused.stderr) == (2, True), refused.stderr
 
 
 def test_results_of_another_folder_go_first(mini: MiniProject, tmp_path: Path) -> None:
