@@ -3,6 +3,12 @@ from .distributed import (
     patterns_of as patterns_of,
     run_distributed as run_distributed,
 )
+from .expected_ratio import (
+    MISFIT as MISFIT,
+    ErrorStatistics as ErrorStatistics,
+    ExpectedRatio as ExpectedRatio,
+    lasting_ratio as lasting_ratio,
+)
 from .federated import federated_covariance as federated_covariance, run_federated as run_federated
 from .hinfinity import (
     deadbeat_gain as deadbeat_gain,

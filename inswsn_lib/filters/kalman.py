@@ -597,7 +597,7 @@ def predictor_gain(model: ErrorModel) -> Array:
         got = Described("one without a steady state")
         raise ParameterError("model", got, "one whose Riccati equation has a stable solution")
     # a step of Newton's method, for what a small process noise loses in the units
-    gain = _gain(scaled, _error_covariance(*scaled.error_system(gain)[:2]))
+    gain = _gain(scaled, predicted_covariance(scaled, gain))
     return np.asarray(units.back @ gain @ units.outputs)
 
 
@@ -607,10 +607,11 @@ def _gain(model: ErrorModel, P: Array) -> Array:
     return np.asarray(np.linalg.solve(C @ P @ C.T + R, C @ P @ A.T).T)
 
 
-def _error_covariance(A: Array, driven: Array) -> Array:
-    """Return the covariance (n, n) of the error of a predictor that is stable."""
+def predicted_covariance(model: ErrorModel, gain: Array) -> Array:
+    """Return the covariance (n, n) of the error of a stable predictor with a gain (n, m)."""
     from scipy.linalg import solve_discrete_lyapunov  # noqa: PLC0415  # as above
 
+    A, driven, _ = model.error_system(gain)
     return np.asarray(solve_discrete_lyapunov(A, driven @ driven.T))
 
 
@@ -637,8 +638,8 @@ def steady_error(model: ErrorModel, gain: ArrayLike) -> float:
     >>> print(f"{iw.steady_error(model, [[1]]):.4f} {iw.steady_error(model, [[0]])}")
     1.4142 inf
     """
-    A, driven, L = model.error_system(gain)
+    A, _, L = model.error_system(gain)
     if np.abs(np.linalg.eigvals(A)).max() >= 1:
         return float("inf")
-    X = _error_covariance(A, driven)
+    X = predicted_covariance(model, np.asarray(gain, dtype=float))
     return float(np.sqrt(np.trace(L @ X @ L.T)))

@@ -12,7 +12,15 @@ import pandas as pd
 from inswsn_lib.checks import Array, Mask, number, one_of
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.evaluation import Tuning, most_likely
-from inswsn_lib.filters import deadbeat_gain, gating, huber, run_hinfinity, run_kalman, run_robust
+from inswsn_lib.filters import (
+    ErrorStatistics,
+    deadbeat_gain,
+    gating,
+    huber,
+    run_hinfinity,
+    run_kalman,
+    run_robust,
+)
 from inswsn_lib.inertial import Solution, Start, smooth, smooth_with_lag
 from inswsn_lib.lmi import InfeasibleDesignError, design_filter
 from inswsn_lib.logs.correction import (
@@ -39,6 +47,7 @@ from inswsn_lib.streams import Fixes, Recording
 _LAG = 2.0  # s, of the fixed-lag smoother
 # Rows of the motion, and components of measurements, that a search for numbers takes at the most
 _ROWS, _COMPONENTS = 30_000, 6000
+_RESTART, _RESTARTS = 10.0, 200  # s, after which a motion that drifts is begun anew
 _FREE = (0.02, 0.002)  # the noise figures of a motion that nothing corrects
 #: Estimators that are no filters with numbers, or follow from one
 NETWORK, ALONE, PUBLISHED = "network alone", "motion alone", "P1's published HF, predicted"
@@ -284,6 +293,49 @@ nothing to correct fixes with.
         """The motion that nothing corrects after the start."""
         return self.of(self.filters.run([], *_FREE))
 
+    def start_after(self, solution: Solution, k: int) -> Start:
+        """Return where a run goes on from a solution after a fix: its state, and errors of it."""
+        event = int(solution.at(self.fixes.time[k : k + 1])[0])
+        state = solution.states[event]
+        P = solution.covariances[event][: state.errors, : state.errors]
+        return Start(float(self.fixes.time[k]), replace(state, own=np.zeros(0)), P)
+
+    @cached_property
+    def restarted(self) -> Estimate:
+        """The motion alone, begun anew from the filter on fixes every ten seconds, in one piece.
+
+        What it has moved by in each stretch is added to where it was at the end of the one before,
+        and so are the changes of its velocity: it drifts, but attitude and biases are the filter's.
+        After two hundred stretches it says nothing.
+        """
+        solution, time = self.solution(self.on_fixes), self.fixes.time
+        filtered, found = self.of(solution).state, np.full((len(time), 4), np.nan)
+        inside = np.flatnonzero((time >= solution.time[0]) & (time <= solution.time[-1]))
+        k, last = int(inside[0]), int(inside[-1])
+        last = min(last, int(np.searchsorted(time, time[k] + _RESTARTS * _RESTART)))
+        found[k] = filtered[k]
+        while k < last:
+            end = min(max(int(np.searchsorted(time, time[k] + _RESTART)), k + 1), last)
+            start = self.start_after(solution, k)
+            run = self.filters.run([], *_FREE, start=start, end=float(time[end]))
+            ahead, passed = slice(k + 1, end + 1), (time[k + 1 : end + 1] - time[k])[:, None]
+            moved = self.of(run).state[ahead] - filtered[k]
+            moved[:, :2] += passed * (found[k, 2:] - filtered[k, 2:])
+            found[ahead], k = found[k] + moved, end
+        return Estimate(found)
+
+    def statistics(self, truth: Array | None = None) -> ErrorStatistics:
+        """Return what tells before a filter runs how much it gains, by the reference.
+
+        Of the fixes, and of the motion that is `restarted`; the truth is that of the ladder, or
+        another (fixes, 4).
+
+        :meta private:
+        """
+        known = np.where(self.usable[:, None], self.truth if truth is None else truth, np.nan)
+        ins, network = (each.state - known for each in (self.restarted, self.network))
+        return ErrorStatistics.of(ins, network, self.step)
+
     @cached_property
     def _searches(self) -> dict[str, Tuning[tuple[float, ...]]]:
         return {}
@@ -419,9 +471,12 @@ nothing to correct fixes with.
         truth = self.truth[rows]
         return scores(mine.part(rows), truth, other.state[rows] - truth)
 
-    @cached_property
+    @property
     def corrected(self) -> str:
         """The filter that the data find most likely: tight beside odometry, else one on fixes."""
-        if PLANAR_TIGHT in self.rungs:
-            return PLANAR_TIGHT
+        return PLANAR_TIGHT if PLANAR_TIGHT in self.rungs else self.on_fixes
+
+    @cached_property
+    def on_fixes(self) -> str:
+        """The likelier of the loosely coupled filters, with white or with coloured fixes."""
         return min((WHITE, COLOURED), key=lambda name: self.tuned(name).loss)

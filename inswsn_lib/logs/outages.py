@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +12,7 @@ import pandas as pd
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.evaluation import block_ratio
-from inswsn_lib.inertial import Solution, Start, smooth
+from inswsn_lib.inertial import Solution, smooth
 from inswsn_lib.logs.correction import USUAL
 from inswsn_lib.logs.ladder import Ladder
 from inswsn_lib.streams import Whole
@@ -200,10 +200,7 @@ nothing to correct fixes with.
     def _replay(self, name: str, k: int, *, smoothed: bool) -> Array:
         """Return where the filter is at the fixes that are withheld after one, (steps, 2)."""
         ladder, fixes, solution = self.ladder, self.ladder.fixes, self.solutions[name]
-        event = int(solution.at(fixes.time[k : k + 1])[0])
-        state, P = solution.states[event], solution.covariances[event]
-        n, after = state.errors, k + 1 + self.steps
-        start = Start(float(fixes.time[k]), replace(state, own=np.zeros(0)), P[:n, :n])
+        start, after = ladder.start_after(solution, k), k + 1 + self.steps
         last = after + self.steps * smoothed
         gone = np.ones(len(fixes), dtype=bool)
         gone[after:last] = False

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.filters import MISFIT, ExpectedRatio
 from inswsn_lib.inertial import InertialState, PlanarState, Solution, Start, smooth
 from inswsn_lib.logs.correction import COLOURED, is_planar, turned_by_gyroscope
 from inswsn_lib.logs.estimates import (
@@ -53,7 +54,10 @@ class Report:
     table : DataFrame
         Rows ``network``, ``corrected`` and ``smoothed``: horizontal RMS errors ``position`` (m) and
         ``velocity`` (m/s) in the second half; their ratios to the network's with intervals
-        (``position_ratio``, ``position_low``, ``position_high``, and of velocity). In outages the
+        (``position_ratio``, ``position_low``, ``position_high``, and of velocity). A row
+        ``expected`` has the ratios of a filter on fixes that were to be expected by how long errors
+        of fixes last and the motion holds their accuracy, with 90 % intervals
+        (`filters.ErrorStatistics`), where there is a reference and enough of it. In outages the
         network is the better of standing still and going on at the last velocity; a row ``line`` is
         the straight line to the next fix, which the smoothed track is compared with. What cannot
         be told is NaN.
@@ -204,11 +208,23 @@ def _by_reference(ladder: Ladder, solution: Solution) -> _Judged:
     corrected, smoothed = ladder.of(solution), ladder.of(smooth(solution))
     estimates = {"network": ladder.network, "corrected": corrected, "smoothed": smoothed}
     table, P = _table(estimates, truth, rows), corrected.covariance
+    table = pd.concat([table, _expected(ladder, truth)])
     assert P is not None  # a filter has it
     errors = (corrected.state - truth)[:, : P.shape[1]]
     rows = rows & np.isfinite(errors).all(axis=1)
     found = [check_nees(errors[rows], P[rows])] if rows.sum() >= FEWEST else []
     return table, "reference", found
+
+
+def _expected(ladder: Ladder, truth: Array) -> pd.DataFrame:
+    """Return a row of what a filter on fixes is expected to leave of their errors, or none."""
+    try:
+        ratios = ladder.statistics(truth).ratios()
+    except InswsnError:  # too short
+        return pd.DataFrame(columns=[*ERRORS])
+    told = [ExpectedRatio.of(*each) for each in zip(ratios, MISFIT, strict=True)]
+    row = [value for each in told for value in (np.nan, *each)]
+    return pd.DataFrame([row], index=["expected"], columns=[*ERRORS])
 
 
 def _turned_by(recording: Recording, solution: Solution) -> Recording:
@@ -420,6 +436,12 @@ def sentence_of(findings: list[Finding], table: pd.DataFrame, judge: str) -> str
         )
         if np.isfinite(interval("velocity")).all():
             said.append(f"In velocity it has {share('velocity')}.")
+        if "expected" in table.index:
+            said.append(
+                "By how long errors of fixes last and the motion holds their accuracy, a filter on "
+                f"fixes is expected to have {share('position', 'expected')} of their error in "
+                f"position and {share('velocity', 'expected')} in velocity."
+            )
     else:
         said.append(
             f"{begin} {judge}, by the fixes that are withheld, the corrected track is "

@@ -27,6 +27,7 @@ from inswsn_lib.logs.estimates import Estimate, scores, tag_track
 from inswsn_lib.logs.ladder import FIXED_LAG, SMOOTHER, DifferenceFilters, difference_model
 from inswsn_lib.logs.network_fixes import UP
 from inswsn_lib.navigation.hybrid import HybridNavigator, observable_inputs
+from inswsn_lib.navigation.recorded_gains import gains, judged_by_fixes
 from inswsn_lib.streams import Fixes, Ranges, Recording, Whole
 
 Tables = dict[str, pd.DataFrame]
@@ -46,6 +47,11 @@ _LAG = 10.0  # s, to which autocorrelations are taken
 _FADING = (0.02, 0.001, 0.05, 0.05, 0.5, 0.02)
 _BOUND = 0.2  # m
 _ALIGNMENTS = (15.0, 20.0, 25.0, 30.0, 40.0)  # s, from which P1's form is started
+# Recordings with a reference, and such whose fixes are RTK's, with the time of alignment, s
+_REFERENCES = {
+    "inrol/1": 20.0, "inrol/2": 20.0, "plaza/1": 40.0, "plaza/2": 40.0, "labyrinth/1": 5.0,
+}  # fmt: skip
+_RTK = {"rtklib/walk-0827": 20.0, "rtklib/drive-0708": 60.0}
 _CHOICE = 30.0  # s after the start, by which one of the two is chosen
 
 
@@ -328,6 +334,13 @@ class RecordedStudy:
             "rtklib/drive-0708": Outages(Ladder(car, alignment=60.0), 20.0, 8.0),
         }
 
+    @property
+    def judged(self) -> dict[str, tuple[Recording, float]]:
+        """All recordings with what judges them: a reference, or RTK's fixes; s of alignment."""
+        found = {name: (self._load(name), s) for name, s in _REFERENCES.items()}
+        by_fixes = {name: (judged_by_fixes(self._load(name)), s) for name, s in _RTK.items()}
+        return found | by_fixes
+
     def tables(self) -> Tables:
         """Return everything, by the names of the sections of evidence recorded-data."""
         clusters, outages = RecordedClusters(self.room), RecordedOutages(self.room)
@@ -344,6 +357,7 @@ class RecordedStudy:
             "autocorrelation": self._autocorrelations(),
         }
         found |= {name: ladder.table() for name, ladder in self.planar.items()}
+        found["gains"] = gains(self.judged)
         for name, each in self.outages.items():
             found |= _of_outages(name, each)
         return found

@@ -85,11 +85,6 @@ def test_the_replication_is_as_it_was_committed_and_told(root: Path, results: Re
     assert results["replication.sentences"].value == plan.count(b"- number:") == 20
 
 
-def test_with_white_errors_the_curve_is_that_of_chapter_02(root: Path, results: Results) -> None:
-    share = read_results(root / "data/published/p1-training.json")["headline.kf-share"].value
-    assert results["curve.simulated.0ms"].value == pytest.approx(share / 100, abs=0.05)
-
-
 def test_the_network_is_one_in_every_ratio(kept: Tables) -> None:
     for name in ("inrol/1", "plaza/2", "labyrinth/1"):
         row = kept[name].loc["network alone"]

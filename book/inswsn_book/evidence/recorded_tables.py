@@ -10,9 +10,9 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy.stats import norm
 
-from inswsn_book.show.legible import label_lines, place_labels
+from inswsn_book.show.legible import label_lines
 from inswsn_lib.checks import Array
-from inswsn_lib.plotting import COLOURS, STROKES, figure, stroke
+from inswsn_lib.plotting import COLOURS, STROKES, figure
 
 
 def written(ratio: float, low: float, high: float) -> str:
@@ -119,34 +119,46 @@ def draw_errors(scaled: Array, autocorrelation: pd.Series) -> Figure:
     return fig
 
 
-def draw_curve(
-    times: Sequence[float],
-    curve: Sequence[float],
-    points: Mapping[str, tuple[float, float, float, float]],
-) -> Figure:
-    """Draw what a filter gains in position by how long errors last.
+def law_table(gains: pd.DataFrame) -> pd.DataFrame:
+    """Return what filters gain on recordings beside what the law expects, as of `gains`."""
+    rows = {
+        name: {
+            "holds, s": f"{row['hold']:.2g}",
+            "expected": f"{row['expected_position']:.2f}",
+            "found": written(*(row[f"position{end}"] for end in ("", "_low", "_high"))),
+            "error-state": f"{row['state_position']:.2f}",
+            "velocity: expected": f"{row['expected_velocity']:.2f}",
+            "found ": written(*(row[f"velocity{end}"] for end in ("", "_low", "_high"))),
+            "error-state ": f"{row['state_velocity']:.2f}",
+        }
+        for name, row in gains.iterrows()
+    }
+    return pd.DataFrame.from_dict(rows, orient="index").rename_axis("recording")
+
+
+def draw_law(gains: pd.DataFrame, source: Sequence[str], simulated: pd.DataFrame) -> Figure:
+    """Draw what filters gain over what the law expects, by recording.
 
     Parameters
     ----------
-    times, curve : sequences of float
-        The simulation.
-    points : mapping of str to tuple of four floats
-        How long errors last in a recording (s), the ratio, and the ends of its interval.
+    gains, simulated : DataFrame
+        With columns ``expected_position``, ``position``, and of velocity.
+    source : sequence of str
+        The recording of each row of `gains`.
     """
-    fig, ax = figure(height=3.2)
-    ax.plot(times, curve, marker=".", label="KF, simulated in P1's scene", **stroke("kalman"))
-    ax.axhline(1, lw=1, label="network", **stroke("network"))
-    where, ratio, low, high = np.array([*points.values()]).T
-    ends = np.maximum([ratio - low, high - ratio], 0)
-    look = {"fmt": "o", "color": STROKES["kalman"].colour, "mfc": "white", "capsize": 3}
-    ax.errorbar(where, ratio, ends, label="filters on recordings", **look)
-    ax.set(xlabel="how long errors of fixes last (s)", ylabel="position error over network")
-    ax.set(xlim=(-0.3, 9.2), ylim=(0, None))
-    ax.legend(loc="lower right")
-    bars = np.column_stack([np.repeat(where, 9), np.linspace(low, high, 9).T.ravel()])
-    there = np.linspace(0, times[-1], 200)
-    line = np.column_stack([there, np.interp(there, times, curve)])
-    level = np.column_stack([np.linspace(0, 9, 90), np.ones(90)])
-    middles = np.column_stack([where, ratio])
-    place_labels(ax, list(points), middles, np.concatenate([bars, line, level]), mark=4)
+    fig, axes = figure(1, 2, height=3.4)
+    for ax, of in zip(axes, ("position", "velocity"), strict=True):
+        low = 0.9 * min(gains[of].min(), gains[f"expected_{of}"].min())
+        ax.plot([low, 1.1], [low, 1.1], "--", lw=0.8, color=COLOURS["published"])
+        for mark, name in zip("os^vDPX", sorted(set(source)), strict=False):
+            part = gains[[each == name for each in source]]
+            label = name.removeprefix("rtklib/")
+            ax.plot(part[f"expected_{of}"], part[of], mark, ms=5, mfc="none", label=label)
+        ax.plot(simulated[f"expected_{of}"], simulated[of], "x", color="k", label="simulated")
+        ax.set(xscale="log", yscale="log", xlabel=f"{of}: expected", ylabel="found")
+        ticks = [tick for tick in (0.05, 0.1, 0.2, 0.5, 1) if tick > low]
+        ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks], minor=False)
+        ax.set_yticks(ticks, [f"{tick:g}" for tick in ticks], minor=False)
+        ax.minorticks_off()
+    axes[1].legend(fontsize="small")
     return fig

@@ -54,7 +54,7 @@ def test_a_filter_that_fits_is_consistent_and_better_than_the_network() -> None:
     assert "The filter is consistent." in found.sentence
     assert "better than the network" in found.sentence
     assert found.judge == "reference"
-    network, corrected, smoothed = found.table["position"]
+    network, corrected, smoothed, *_ = found.table["position"]
     # of two coordinates
     assert network == pytest.approx(np.sqrt(2) * NOISE, rel=0.15)
     assert smoothed < corrected < 0.5 * network
