@@ -148,7 +148,8 @@ def draw_law(gains: pd.DataFrame, source: Sequence[str], simulated: pd.DataFrame
     """
     fig, axes = figure(1, 2, height=3.4)
     for ax, of in zip(axes, ("position", "velocity"), strict=True):
-        low = 0.9 * min(gains[of].min(), gains[f"expected_{of}"].min())
+        both = pd.concat([gains, simulated])
+        low = 0.9 * float(both[[of, f"expected_{of}"]].min(axis=None))
         ax.plot([low, 1.1], [low, 1.1], "--", lw=0.8, color=COLOURS["published"])
         for mark, name in zip("os^vDPX", sorted(set(source)), strict=False):
             part = gains[[each == name for each in source]]
