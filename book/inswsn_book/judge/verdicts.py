@@ -141,7 +141,8 @@ class Judged:
         elif not isinstance(self.claim.value, str):
             text = f"exactly {low:g}"
         elif self.claim.tolerance == DRAWN:
-            return f"{_with_unit(self.claim.value, self.claim.unit)} is within 95 % of the runs"
+            number = _with_unit(self.claim.value, self.claim.unit)
+            return f"{number} is within 95 % of the runs, and these span less than it"
         elif self.claim.tolerance == "digits":
             text = f"{self.claim.value} ({low:g} to {high:g})"
         else:

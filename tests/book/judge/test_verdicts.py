@@ -248,7 +248,7 @@ def test_a_check_that_does_not_resolve(on: Claim, results: list[Results], said: 
     ("on", "text"),
     [
         (claim("digits"), "8.0 (7.95 to 8.05) m"),
-        (claim("drawn"), "8.0 m is within 95 % of the runs"),
+        (claim("drawn"), "8.0 m is within 95 % of the runs, and these span less than it"),
         (claim(), "8.0 ± 1 m"),
         (claim("within 10 %"), "8.0 ± 0.8 m"),
         (claim("within 0"), "8.0 ± 0 m"),
