@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import cvxpy as cp
@@ -127,13 +128,27 @@ def correlations(inputs: Array, states: Array) -> Array:
     return np.asarray((np.abs(np.einsum("kir,kjr->ijr", x, y)) / sizes).max(axis=0))
 
 
+def with_past(passage: Passage) -> Passage:
+    """Return a passage whose oracle tells the errors of the last four samples, sixteen inputs."""
+    steps = np.arange(len(passage.error))
+    past = [passage.error[np.maximum(steps - lag, 0)] for lag in range(4)]
+    return replace(passage, inputs={**passage.inputs, "oracle": np.concatenate(past, axis=1)})
+
+
+def first_half(passage: Passage) -> Passage:
+    """Return a passage of whose samples before the outage the first half alone is heard."""
+    y = passage.y.copy()
+    y[passage.heard // 2 :] = np.nan
+    return replace(passage, y=y)
+
+
 def held_out(passage: Passage, sigmas: ArrayLike, etas: ArrayLike, runs: int) -> Array:
-    """Return the position error in the second half of an area, median over runs, by pair."""
+    """Return the position error in the second half of an area, (runs, sigmas, etas)."""
     errors = [
         select_lssvm(of.error[: of.heard], of.y[: of.heard], sigmas, etas, trained_on=of.heard // 2)
         for of in map(passage.run, range(runs))
     ]
-    return np.asarray(np.median([e.by_output[:, :, :2].mean(axis=2) for e in errors], axis=0))
+    return np.array([e.by_output[:, :, :2].mean(axis=2) for e in errors])
 
 
 def told(entries: Iterable[Verdict]) -> str:

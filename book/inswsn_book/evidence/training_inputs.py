@@ -9,6 +9,7 @@ import numpy as np
 
 from inswsn_lib.checks import Array
 from inswsn_lib.evaluation import mean_absolute_error, monte_carlo
+from inswsn_lib.filters import run_kalman
 from inswsn_lib.navigation.filter_contest import root_mean_square
 from inswsn_lib.navigation.training_areas import AREAS, ByArea, TrainingAreas
 from inswsn_lib.papers import AXES
@@ -188,8 +189,35 @@ def model_numbers(areas: TrainingAreas, factors: ByArea) -> dict[str, tuple[floa
         "model.stacked-difference": (stacked, 1),
         "model.measurement-difference": (max(measured), 1),
         "model.noise-deviation": (max(deviations), areas.runs),
+        "model.kalman-difference": (kalman_difference(areas), 1),
         "jitter.shift": (max(shift), areas.runs),
     }
+
+
+def kalman_difference(areas: TrainingAreas) -> float:
+    """Return how far the Kalman filter is from the best linear estimate, over the largest state.
+
+    That is Cov(x, Y) Cov(Y)^-1 Y of the last of twelve states from all measurements Y at once, in
+    P1's model with the noise that matches; of two areas the larger difference.
+    """
+    rng, steps, off = np.random.default_rng(areas.seed), 12, 0.0
+    for model in areas.assuming(1.0).values():
+        of_states = np.zeros((steps, 4, steps, 4))
+        P = np.eye(4)
+        for k in range(steps):
+            later = P  # Cov(x_j, x_k) = A^(j - k) Cov(x_k)
+            for j in range(k, steps):
+                of_states[j, :, k], of_states[k, :, j] = later, later.T
+                later = model.A @ later
+            P = model.A @ P @ model.A.T + model.process_covariance
+        measuring = np.kron(np.eye(steps), model.C)
+        with_all = of_states.reshape(4 * steps, -1) @ measuring.T
+        own = np.kron(np.eye(steps), model.measurement_covariance)
+        y = rng.multivariate_normal(np.zeros(4 * steps), measuring @ with_all + own)
+        best = with_all[-4:] @ np.linalg.solve(measuring @ with_all + own, y)
+        found = run_kalman(model, y.reshape(steps, 4), initial_covariance=np.eye(4))[-1]
+        off = max(off, np.abs(found - best).max() / np.abs(best).max())
+    return off
 
 
 def step_differences(areas: TrainingAreas) -> tuple[float, float]:

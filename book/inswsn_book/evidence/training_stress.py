@@ -12,7 +12,7 @@ import pandas as pd
 
 from inswsn_book.evidence.training_table import with_recorded
 from inswsn_lib.checks import Array
-from inswsn_lib.evaluation import monte_carlo, normalised_squares
+from inswsn_lib.evaluation import Finding, monte_carlo, normalised_squares, quotient
 from inswsn_lib.filters import design_kalman
 from inswsn_lib.navigation.filter_contest import (
     PARTS,
@@ -85,6 +85,29 @@ def table_of_tuned(contest: FilterContest) -> pd.DataFrame:
         rows[f"{name}, tuned"] = *_told(rms_by_part(errors)), loss, *best
     columns = ["RMS $r$ (m)", "RMS $v$ (m/s)", "loss", "$Q$ ratio", "second"]
     return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("filter")
+
+
+def tuned_ratios(errors: Mapping[str, ByArea]) -> dict[str, Finding]:
+    """Return ``fair.hf-over-kalman.PART``, ratios of the RMS errors of tuned filters.
+
+    Parameters
+    ----------
+    errors : mapping
+        As `tuned_errors` gives them.
+    """
+
+    def by_run(name: str, rows: slice) -> list[Array]:
+        squares = (np.square(e[:, rows]) for e in errors[name].values())
+        return [np.sqrt(np.nanmean(each, axis=(0, 1))) for each in squares]
+
+    return {
+        f"fair.hf-over-kalman.{part}": quotient(
+            by_run(HF, rows), by_run("Kalman", rows), "1",
+            f"RMS {part} error of HF, exact LMI, over that of the Kalman filter, both tuned, "
+            "sums over both areas of medians of the runs.",
+        )
+        for part, rows in PARTS.items()
+    }  # fmt: skip
 
 
 def tuned_errors(contest: FilterContest) -> dict[str, ByArea]:

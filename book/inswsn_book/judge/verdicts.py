@@ -16,6 +16,7 @@ from inswsn_lib.errors import InswsnError
 # A rebuilt interval that is wider than this share of the published value decides nothing.
 _WIDEST = 0.25
 _ROUNDING = 1e-6
+_DECIDES_NOTHING = " So wide, it may as well hold zero or twice that value, and decides nothing."
 
 Ends = tuple[float, float]
 
@@ -140,7 +141,8 @@ class Judged:
         elif not isinstance(self.claim.value, str):
             text = f"exactly {low:g}"
         elif self.claim.tolerance == DRAWN:
-            return f"{_with_unit(self.claim.value, self.claim.unit)} is within 95 % of the runs"
+            number = _with_unit(self.claim.value, self.claim.unit)
+            return f"{number} is within 95 % of the runs, and these span less than it"
         elif self.claim.tolerance == "digits":
             text = f"{self.claim.value} ({low:g} to {high:g})"
         else:
@@ -217,10 +219,11 @@ def verdicts(claims: Iterable[Claim], results: Iterable[Results]) -> list[Judged
       decided* if they have but the first is wider than a quarter of the published value; else
       *contradicted by the paper itself*;
     - any other, if the claim's tolerance is ``drawn``, since the paper prints one draw: does it lie
-      in the prediction interval of one draw? *Like one of our runs* if the printed value, give or
-      take half a unit of its last digit, lies in the interval of 95 % of the runs, else *not
-      reproduced*; never *not decided*. A wide interval decides little, so it is a word of its own,
-      and the reason says how wide it is;
+      in the interval of 95 % of the runs, give or take half a unit of its last digit? If not, *not
+      reproduced*. If so, *like one of our runs* where that interval is narrower than the printed
+      value is large, else *not decided*. An interval that holds a number and is narrower than it
+      holds neither zero nor twice the number: it could have told what is printed from no effect, no
+      error, or twice as much. That is one rule for sizes and percentages, whatever the paper;
     - any other: *reproduced* if its interval lies in that of the claim, *not reproduced* if it lies
       outside. If it straddles an end: *not decided* if it is wider than a quarter of the published
       value, else its value decides. What is *reproduced* is called *identity* if nothing was built
@@ -326,19 +329,23 @@ def _meets(one: Ends, other: Ends) -> bool:
 
 
 def judge_draw(claim: Claim, quantity: Quantity, published: Ends) -> tuple[Verdict, str]:
-    """Judge one printed draw by the interval of 95 % of the runs; another interval is refused."""
+    """Judge one printed draw by the interval of 95 % of the runs; another interval is refused.
+
+    The rule, and why an interval that decides is narrower than the number, stand at `verdicts`.
+    """
     if quantity.interval is None or quantity.interval_kind != "runs 95 %":
         raise InswsnError(
             f"Claim {claim.id} is of one draw, and {quantity.name} has no interval of the runs."
         )
     low, high = quantity.interval
-    inside = _meets(quantity.interval, published)
-    verdict = Verdict.LIKE_OURS if inside else Verdict.NOT_REPRODUCED
-    where = "within" if inside else "outside"
+    narrow = high - low < abs(claim.reference)
+    where, verdict = "outside", Verdict.NOT_REPRODUCED
+    if _meets(quantity.interval, published):
+        where, verdict = "within", Verdict.LIKE_OURS if narrow else Verdict.NOT_DECIDED
     wide = f"{(high - low) / abs(claim.reference):.2g} times" if claim.reference else "more than"
     return verdict, (
         f"One draw is printed. It lies {where} the interval of 95 % of ours, whose width is {wide} "
-        "the printed value."
+        "the printed value." + _DECIDES_NOTHING * (verdict is Verdict.NOT_DECIDED)
     )
 
 

@@ -633,7 +633,7 @@ def hold(
         "And loses in velocity.": (level[0.017][2:] > 1).all(),
         "At 0.15 the federated one wins everywhere.": (off["dhf", 0.017] > off["fkf", 0.15]).all(),
         "Both at 0.15 it is ahead in position.": (level[0.15][:2] < 1).all(),
-        "At 10 they are nearly level.": (abs(1 - level[10.0]) < 0.1).all(),
+        "At 10 they differ by less than a tenth.": (abs(1 - level[10.0]) < 0.1).all(),
         "By P2's cells the federated one is worse than the INS.": implied["velocity in x"] > 1,
         "Three are worse than one.": back > alone,
         "By hand: 0.618, 0.171, 0.28.": f"{K:.3f} {C:.3f} {C / K:.2f}" == "0.618 0.171 0.28",

@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from inswsn_book.evidence import training_inputs
 from inswsn_book.evidence.filter_gammas import printed_clocks, rebuild_gammas
 from inswsn_book.evidence.fusion_percentages import FirstReading, rebuild_percentages
 from inswsn_book.evidence.outage_cells import outages_by_drive, rebuild_outages, rebuild_recorded
+from inswsn_book.evidence.outage_page import first_half, with_past
 from inswsn_book.evidence.outage_tables import rebuild_table1, rebuild_table3, table1_cells
 from inswsn_book.evidence.training_table import rebuild_table2, with_recorded
 
@@ -27,6 +29,7 @@ from inswsn_lib.navigation import (
     table2_cells,
     with_outage,
 )
+from inswsn_lib.navigation.bridged_outages import Passage
 from inswsn_lib.navigation.vehicle_outages import p3_settings
 from inswsn_lib.papers import COLUMNS, read_numbers
 from inswsn_lib.scenario import with_values
@@ -108,6 +111,15 @@ def test_windows_are_stretches_of_the_recording() -> None:
     assert not drawn["wsn"]["1"].any()
 
 
+def test_the_batch_is_what_a_kalman_filter_finds(
+    contest: FilterContest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert training_inputs.kalman_difference(contest.areas) < 1e-12
+    # one that finds nothing is off by all of the state
+    monkeypatch.setattr(training_inputs, "run_kalman", lambda _, y, **__: 0 * y)
+    assert training_inputs.kalman_difference(contest.areas) == 1
+
+
 # P1: Tables 1 and 3, who is fed with what, and on which samples ----------------------------------
 
 
@@ -148,6 +160,18 @@ def test_the_printed_machine_is_fed_with_the_answer(
     fed = outages.judge(outages.judged.values(), outages.printed, "motion", scaled=False)
     alone = np.abs(outages.drawn["ins.outage1"][:, 0]).mean(axis=0)
     assert table3["table3.lssvm.rx1"].value < 0.5 * np.median(fed[0] * alone)
+
+
+def test_what_a_passage_tells_of_the_past_and_in_its_first_half() -> None:
+    error = np.arange(6.0)[:, None, None] + np.array([0.0, 10.0])[None, :, None]
+    told = Passage("1", 4, error, error + 0.5, {"oracle": error, "state": None}, np.arange(6.0))
+    oracle = with_past(told).inputs["oracle"]
+    assert oracle is not None
+    assert oracle[:, :, 0].tolist()[1] == [1, 11, 0, 10, 0, 10, 0, 10]  # the first is held
+    assert oracle[:, :, 0].tolist()[5] == [5, 15, 4, 14, 3, 13, 2, 12]
+    silent = np.isnan(first_half(told).y).all(axis=(1, 2))
+    assert silent.tolist() == [False, False, True, True, True, True]
+    assert not np.isnan(told.y).any()
 
 
 def test_table_1_is_of_the_points_that_trained(outages: BridgedOutages) -> None:

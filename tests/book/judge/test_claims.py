@@ -35,6 +35,25 @@ def test_a_claim_with_its_verdict(listed: list[dict]) -> None:
     assert row["cell"].startswith("print")
 
 
+def test_what_is_printed_of_one_run_is_held_against_single_runs(listed: list[dict]) -> None:
+    """Sizes and percentages of all papers by one rule, whatever a bound allows."""
+    simulated = [e for e in listed if e["rebuilt"] and e["rebuilt"]["basis"] == "simulation"]
+    printed = [
+        e
+        for e in simulated
+        if isinstance(e["published"]["value"], str)
+        and e["rebuilt"]["interval"]
+        and not e["published"]["tolerance"].startswith("at ")
+    ]
+    assert {(e["paper"], e["published"]["tolerance"]) for e in printed} == {
+        (paper, "drawn") for paper in ("P1", "P2", "P3")
+    }
+    for entry in printed:
+        value, (low, high) = float(entry["published"]["value"]), entry["rebuilt"]["interval"]
+        alike = entry["verdict"].startswith("like one of our runs")
+        assert not alike or 0 < low <= high < 2 * value
+
+
 def test_claims_are_selected_and_counted(project: Project, inswsn: Command) -> None:
     words = ("--paper", "P1", "--verdict", CONTRADICTED, "--kind", "numeric")
     lines = inswsn(project.root, "claims", *words).stdout.splitlines()

@@ -127,7 +127,14 @@ SO = "That it is so."
         # one draw, printed as 8.0: from 7.95 to 8.05
         (found(5.0, (2.0, 7.96), **RUNS), claim("drawn"), Verdict.LIKE_OURS),
         (found(5.0, (2.0, 7.94), **RUNS), claim("drawn"), NOT_REPRODUCED),
-        (found(9.0, (8.04, 90.0), **RUNS), claim("drawn"), Verdict.LIKE_OURS),
+        (found(9.0, (8.04, 16.03), **RUNS), claim("drawn"), Verdict.LIKE_OURS),
+        (found(8.0, (0.01, 8.0), **RUNS), claim("drawn"), Verdict.LIKE_OURS),  # narrower by a bit
+        (found(8.0, (8.0, 16.0), **RUNS), claim("drawn"), NOT_DECIDED),  # holds twice the number
+        (found(8.0, (0.0, 8.0), **RUNS), claim("drawn"), NOT_DECIDED),  # holds zero
+        (found(8.0, (-4.0, 9.0), **RUNS), claim("drawn"), NOT_DECIDED),
+        (found(-8.0, (-9.0, -2.0), **RUNS), claim("drawn", value="-8.0"), Verdict.LIKE_OURS),
+        (found(-8.0, (-9.0, 0.5), **RUNS), claim("drawn", value="-8.0"), NOT_DECIDED),
+        (found(0.0, (-0.1, 0.1), **RUNS), claim("drawn", value="0.0"), NOT_DECIDED),
         (found(9.0, (8.06, 90.0), **RUNS), claim("drawn"), NOT_REPRODUCED),
         (found(5.0, (2.0, 90.0), role="calibrated", **RUNS), claim("drawn"), Verdict.CALIBRATED),
         (found(7.0), claim("exactly 7", value=None), REPRODUCED),
@@ -169,9 +176,23 @@ def test_an_assumption_shows_whatever_the_verdict(results: Results, words: str) 
 def test_a_draw_says_how_wide_the_runs_are_and_needs_them() -> None:
     (judged,) = verdicts([claim("drawn")], [found(5.0, (2.0, 18.0), **RUNS)])
     assert "interval of 95 % of ours, whose width is 2 times the printed" in judged.reason
+    assert "decides nothing" in judged.reason
     for other in (found(8.0), found(8.0, (7.0, 9.0))):  # none, and a confidence interval
         with pytest.raises(InswsnError, match=r"P1-T2-x is of one draw, and x has no interval"):
             verdicts([claim("drawn")], [other])
+
+
+@given(st.integers(-90, 90), st.integers(-90, 90).filter(bool), st.integers(0, 200))
+def test_what_is_like_a_run_is_told_from_nothing_and_from_twice(
+    low: int, printed: int, width: int
+) -> None:
+    runs = found(float(low), (float(low), float(low + width)), **RUNS)
+    (judged,) = verdicts([claim("drawn", value=str(printed))], [runs])
+    holds = low <= printed <= low + width
+    assert (judged.verdict is NOT_REPRODUCED) is not holds
+    if judged.verdict is Verdict.LIKE_OURS:
+        assert not low <= 0 <= low + width
+        assert not low <= 2 * printed <= low + width
 
 
 @pytest.mark.parametrize(
@@ -227,7 +248,7 @@ def test_a_check_that_does_not_resolve(on: Claim, results: list[Results], said: 
     ("on", "text"),
     [
         (claim("digits"), "8.0 (7.95 to 8.05) m"),
-        (claim("drawn"), "8.0 m is within 95 % of the runs"),
+        (claim("drawn"), "8.0 m is within 95 % of the runs, and these span less than it"),
         (claim(), "8.0 ± 1 m"),
         (claim("within 10 %"), "8.0 ± 0.8 m"),
         (claim("within 0"), "8.0 ± 0 m"),

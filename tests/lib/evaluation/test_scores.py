@@ -10,6 +10,7 @@ from scipy.stats import norm
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.evaluation import (
+    Finding,
     Prediction,
     Scores,
     crps,
@@ -156,3 +157,21 @@ def test_a_quotient_covers_what_it_says() -> None:
         held += found.low <= 0.5 <= found.high
     assert 0.90 <= held / 200 <= 0.99  # five standard deviations of a share of 0.95, and of 0.96
     assert quotient([runs[0], runs[0]], [runs[0]], "%", "Twice.").value == pytest.approx(200)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "level"),
+    [
+        (1.0, 1.0, True),
+        (1 / 1.05, 1.05, True),
+        (0.952, 1.05, False),  # 1/1.05 is 0.95238
+        (0.96, 1.051, False),
+        (0.5, 2.0, False),  # holds one, and tells nothing
+        (1.06, 1.07, False),  # surely apart
+        (float("nan"), 1.0, False),
+    ],
+)
+def test_level_is_an_interval_within_a_twentieth_of_one(
+    low: float, high: float, level: bool
+) -> None:
+    assert Finding(1.0, low, high, "1", "A ratio of two errors.").is_level is level
