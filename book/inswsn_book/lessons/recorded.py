@@ -14,7 +14,8 @@ from inswsn_book.lessons.nodes import model_of
 from inswsn_book.record import ChapterRecord
 from inswsn_book.show.moving import Moving, Slider
 from inswsn_lib.evaluation import autocorrelation
-from inswsn_lib.filters import design_kalman, run_kalman
+from inswsn_lib.filters import design_kalman, lasting_ratio, run_kalman
+from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation import ExampleRun, TrainingAreas, read_tables
 from inswsn_lib.navigation.training_areas import p1_settings
 
@@ -31,10 +32,12 @@ EVIDENCE = (
     )),
     *((n, f"outages.{n}", ".0f") for n in ("ins.least", "ins.most", "p1-ins.least", "p1-ins.most")),
     ("sure", "room.sure-gain", ".0f"),
+    *((f"law.{of}", f"law.{of}", ".0f") for of in ("cases", "recordings")),
 )  # fmt: skip
 LASTING = (0.0, 0.2, 0.5, 1.0, 2.0, 5.0)  # s
 MANY = 50  # runs
 COUNTS = np.arange(1, 101)
+RATIOS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)  # 2 tau over the hold time
 FADING = (0.2, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0)  # s
 WHITE = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)
 RECORDINGS = {"room": "inrol/1", "mower": "plaza/2", "robot": "labyrinth/1"}
@@ -260,6 +263,78 @@ def show_many(found: Mapping[tuple[str, float], tuple[float, float]]) -> None:
     )
 
 
+def show_left(seed: int) -> None:
+    """Show what a filter leaves of the error of a fix, by formula and simulated."""
+    period, holds, steps = 0.2, 2.0, 20_000
+    rng = np.random.default_rng(seed)
+    found = {}
+    for ratio in RATIOS:
+        fade = float(np.exp(-period / (ratio * holds / 2)))
+        model = ErrorModel(
+            A=np.diag([1.0, fade]), B=np.diag(np.sqrt([period / holds, 1 - fade**2])),
+            C=[[1.0, 1.0]], D=[[1e-3]], period=period,
+        )  # fmt: skip
+        states = np.zeros((steps, 2))
+        driven = rng.normal(size=(steps, 2)) @ model.B
+        states[:, 0] = np.cumsum(driven[:, 0])
+        for k in range(1, steps):
+            states[k, 1] = fade * states[k - 1, 1] + driven[k, 1]
+        seen = states.sum(axis=1, keepdims=True)
+        off = states - run_kalman(model, seen, initial_covariance=np.diag([1e6, 1.0]))
+        found[ratio] = float(np.sqrt(np.mean(off[100:, 0] ** 2)))
+    fine = np.geomspace(0.05, 20, 100)
+    curve = [lasting_ratio(1e-3, k / 2, 1.0) for k in fine.tolist()]
+    shown = Moving("What a filter leaves", Slider("k", "2τ / hold time", [*RATIOS], 1.0, "{:g}"))
+    chart = shown.chart(
+        "Error of the filter, a fix = 1", x="2τ / hold time", y="error", xlim=(0, 20), ylim=(0, 1)
+    )
+    shown.draw(chart, "coloured", "formula", (fine, curve))
+    shown.draw(chart, "kalman", "simulated", ([*found], [*found.values()]), style="points")
+    shown.draw(chart, "published", "", lambda k: ([k, k], [0.0, 1.0]))
+    shown.number("kalman", "simulated", lambda k: f"{found[k]:.2f}")
+    shown.sentence(
+        lambda k: (
+            f"If errors last so long that 2τ is {k:g} hold times, a filter leaves {found[k]:.2f} "
+            "of the error of a fix."
+        )
+    )
+    shown.show(
+        name="fig-l8-left",
+        caption="The formula, and filters in a simulation with five fixes a second.",
+        alt="What a filter leaves of the error of a fix, simulated: "
+        + ", ".join(f"{left:.2f} where 2τ is {k:g} hold times" for k, left in found.items())
+        + ".",
+    )
+
+
+def show_gains(gains: pd.DataFrame) -> None:
+    """Show what was expected of filters on recordings, and what was found."""
+    told = gains.dropna(subset="hold").astype(float)
+
+    def row(of: str) -> dict[str, Any]:
+        ends = [of] if "_" in of else [of, f"{of}_low", f"{of}_high"]
+        found = told[ends].itertuples(name=None)
+        return {name: values if len(values) > 1 else values[0] for name, *values in found}
+
+    show_dots(
+        "Error over that of the network",
+        "series",
+        {
+            "position, expected": ("coloured", row("expected_position")),
+            "position, found": ("kalman", {n: tuple(v) for n, v in row("position").items()}),
+            "velocity, expected": ("coloured", row("expected_velocity")),
+            "velocity, found": ("kalman", {n: tuple(v) for n, v in row("velocity").items()}),
+        },
+        x="ratio",
+        xlim=(0, 1.2),
+        name="fig-l8-gains",
+        caption="Recordings, as they are and made worse. Expected before a filter ran, and found by "
+        "a filter of P1's form that knows how errors last; 95 % intervals are for other stretches "
+        "of the same series.",
+        line=("network", "network", 1.0),
+    )
+
+
 def inside(run: ExampleRun, estimate: Array, covariance: Array) -> float:
     """Return which share of position errors, %, lies within two standard deviations, by axis."""
     error = (run.ins - estimate[:, :4] - run.truth)[:, :2]
@@ -448,6 +523,10 @@ def hold(
     kinds = ("labyrinth.odometry.error", "labyrinth.network.error")
     wheels, fixes = (record.reference("recorded-data", of).value for of in kinds)
     record.say("wheels", f"{wheels / fixes:.2f}")
+    for of in ("position", "velocity"):  # of logarithms, about per cent
+        record.say(
+            f"law.{of}", f"{100 * record.reference('recorded-data', f'law.{of}.rms').value:.0f}"
+        )
     tau, white = nearest(tables["autocorrelation"])
     record.note("room.lasts", tau, "s", "How fast the nearest curve fades.", basis="recorded")
     record.note("room.white", 100 * white, "%", "Its share that is white.", basis="recorded")
