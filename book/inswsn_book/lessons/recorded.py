@@ -272,7 +272,7 @@ def show_left(seed: int) -> None:
         fade = float(np.exp(-period / (ratio * holds / 2)))
         model = ErrorModel(
             A=np.diag([1.0, fade]), B=np.diag(np.sqrt([period / holds, 1 - fade**2])),
-            C=[[1.0, 1.0]], D=[[1e-3]], period=period,
+            C=np.ones((1, 2)), D=np.full((1, 1), 1e-3), period=period,
         )  # fmt: skip
         states = np.zeros((steps, 2))
         driven = rng.normal(size=(steps, 2)) @ model.B
@@ -328,9 +328,9 @@ def show_gains(gains: pd.DataFrame) -> None:
         x="ratio",
         xlim=(0, 1.2),
         name="fig-l8-gains",
-        caption="Recordings, as they are and made worse. Expected before a filter ran, and found by "
-        "a filter of P1's form that knows how errors last; 95 % intervals are for other stretches "
-        "of the same series.",
+        caption="Recordings, as they are and made worse. Expected before a filter ran, and found "
+        "by one of P1's form that knows how errors last; 95 % intervals are for other stretches of "
+        "the same series.",
         line=("network", "network", 1.0),
     )
 
