@@ -180,6 +180,7 @@ def _kept(project: Project) -> dict[str, Any]:
     return {
         **{path.stem: read_json(path) for path in data.glob("*.json")},
         "ladders": _ladders(data / "recorded/on-recordings.json"),
+        "reruns": {p.stem: read_json(p)["provenance"] for p in data.glob("reruns/*.json")},
         "benchmarks": {path.stem: read_yaml(path) for path in data.glob("benchmarks*.yaml")},
         "assumptions": read_yaml(assumed) if assumed.is_file() else {},
         "settings": {path.stem: load_scenario(path) for path in data.glob("scenarios/*.yaml")},

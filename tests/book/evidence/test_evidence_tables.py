@@ -10,6 +10,7 @@ import pytest
 from inswsn_book.evidence.filter_gammas import printed_clocks, rebuild_gammas
 from inswsn_book.evidence.fusion_percentages import FirstReading, rebuild_percentages
 from inswsn_book.evidence.outage_cells import outages_by_drive, rebuild_outages, rebuild_recorded
+from inswsn_book.evidence.outage_page import area_squares, hf_over_kf, turning_time
 from inswsn_book.evidence.outage_tables import rebuild_table1, rebuild_table3, table1_cells
 from inswsn_book.evidence.training_table import rebuild_table2, with_recorded
 
@@ -185,6 +186,42 @@ def test_an_outage_of_another_length_moves_no_area(samples: int) -> None:
         was = BridgedOutages(runs=2).judged[area]
         assert passage.time[:100] == pytest.approx(was.time[:100])
         assert not np.isnan(passage.y[:100]).any()
+
+
+def test_hf_has_the_squares_of_the_network(outages: BridgedOutages) -> None:
+    """P1's filter is the last fix; its error is that of the network."""
+    (hf, kf), drawn = area_squares(outages), outages.drawn
+    for found, area in zip(hf, "12", strict=True):
+        fixes = drawn[f"wsn.area{area}"][:, :2]
+        np.testing.assert_allclose(found, (fixes**2).mean(axis=(0, 1)), rtol=1e-6)
+    assert (kf > 0).all()
+
+
+def test_a_factor_is_the_mean_over_the_areas_of_the_root_of_the_squares() -> None:
+    """2 m over 1 m in the first area, 3 m over 1 m in the second."""
+    hf, kf = [[3.0, 5.0], [9.0, 9.0]], [[1.0, 1.0], [0.5, 1.5]]
+    assert hf_over_kf(np.array([hf, kf])) == pytest.approx(2.5)
+
+
+def test_the_turn_is_where_the_filters_are_level() -> None:
+    """HF has 1 m, the Kalman filter a power of the time that is 1 m at 1.2 s, in all runs."""
+    ones = np.ones((2, 40))
+    squares = {t: np.array([ones, (t / 1.2) ** 0.8 * ones]) for t in (0.5, 1.0, 1.5, 3.2)}
+    turn, (low, high) = turning_time(squares, seed=1)
+    assert (turn, low, high) == pytest.approx((1.2, 1.2, 1.2))
+
+
+def test_the_turn_of_few_runs_is_less_sure() -> None:
+    rng = np.random.default_rng(5)
+    widths = []
+    for runs in (20, 320):
+        kf = rng.gamma(5.0, 0.2, (2, runs))
+        squares = {t: np.array([np.ones((2, runs)), t * kf]) for t in (0.5, 1.0, 2.0)}
+        turn, (low, high) = turning_time(squares, seed=1)
+        assert low < turn < high
+        assert low < 1.0 < high
+        widths.append(high - low)
+    assert widths[0] == pytest.approx(4 * widths[1], rel=0.5)
 
 
 # P2: its percentages -----------------------------------------------------------------------------
