@@ -271,7 +271,7 @@ def turning_time(squares: Mapping[float, Array], seed: int) -> tuple[float, tupl
     """
     times = np.log(list(squares))
 
-    def turn(chosen: Array) -> float:
+    def turn(chosen: Any) -> float:
         over = [hf_over_kf(each[..., chosen]) for each in squares.values()]
         return float(np.exp(np.interp(0.0, -np.log(over), times)))
 
