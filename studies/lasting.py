@@ -99,11 +99,12 @@ def main() -> None:
             if missing := without_lasting(judged):
                 raise InswsnError(f"Not judged where errors of fixes last: {', '.join(missing)}.")
             return
+        requests = [Request(c, {"correlation_time": t}) for c in CHAPTERS for t in TIMES]
+        with Quiet() as progress:
+            runs = run_all(project, requests, progress, jobs=given.jobs)
         for chapter in CHAPTERS:
-            requests = [Request(chapter, {"correlation_time": time}) for time in TIMES]
-            with Quiet() as progress:
-                runs = run_all(project, requests, progress, jobs=given.jobs)
-            write_results(kept(project, runs), project.root / RERUNS / f"{chapter}.json")
+            own = kept(project, [run for run in runs if run.request.chapter == chapter])
+            write_results(own, project.root / RERUNS / f"{chapter}.json")
     except InswsnError as error:
         sys.exit(str(error))
 
