@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from inswsn_book.evidence.filter_gammas import printed_clocks, rebuild_gammas
 from inswsn_book.evidence.fusion_percentages import FirstReading, rebuild_percentages
+from inswsn_book.evidence.lmi_proof import attack
 from inswsn_book.evidence.outage_cells import outages_by_drive, rebuild_outages, rebuild_recorded
 from inswsn_book.evidence.outage_page import area_squares, hf_over_kf, turning_time
 from inswsn_book.evidence.outage_tables import rebuild_table1, rebuild_table3, table1_cells
@@ -18,6 +19,8 @@ from inswsn_lib import data_file
 from inswsn_lib.evaluation import Finding, mean_absolute_error
 from inswsn_lib.filters import patterns_of
 from inswsn_lib.learning import LSSVMRegressor
+from inswsn_lib.lmi import design_filter, worst_disturbance
+from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation import (
     BridgedOutages,
     ClusterFusion,
@@ -65,6 +68,20 @@ def test_a_longer_period_needs_a_larger_gamma_in_both_areas(filters: Any) -> Non
     for area in ("area1", "area2"):
         name = f"gamma.alike.exact.{area}"
         assert long[name].value > 1.1 * short[name].value
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.002])
+def test_without_jitter_there_is_nothing_to_know(jitter: float) -> None:
+    """The worst disturbance then attains its gain in each run; with jitter the filters differ."""
+    design = design_filter(ErrorModel.p1(0.2, jitter), margin=0.01)
+    worst = worst_disturbance(design.A_f, design.model.E, *design.error_system[1:], 30)
+    knows, told_nothing = (attack(design, worst, 1, 30, 5, known) for known in (True, False))
+    energies, spent = (each.sum(axis=0) for each in knows)
+    if jitter == 0:
+        assert np.sqrt(energies / spent) == pytest.approx(np.full(5, worst.gain))
+        np.testing.assert_array_equal(knows[0], told_nothing[0])
+    else:
+        assert (knows[0][1:] != told_nothing[0][1:]).any(axis=0).all()
 
 
 # P1: Table 2, what is drawn, and windows of a recording ------------------------------------------
