@@ -73,8 +73,9 @@ recorded: environment ## run the studies of recordings again: the drive, filters
 	@$(RUN) studies/on_recordings.py
 	@$(RUN) studies/radio_fixes.py
 
-studies: recorded ## the same, and sensitivity to the assumptions, one at a time and crossed
+studies: recorded ## the same, sensitivity to the assumptions, one at a time and crossed, and errors of fixes that last
 	@$(RUN) studies/sensitivity.py
+	@$(RUN) studies/lasting.py $(if $(JOBS),--jobs $(JOBS))
 	@$(RUN) studies/crossed.py $(if $(JOBS),--jobs $(JOBS))
 
 spoilt: environment ## spoil recordings by hundreds, and keep what is refused, found or passed in data/spoilt.json

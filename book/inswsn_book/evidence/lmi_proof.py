@@ -271,9 +271,12 @@ def buildable_system(model: ErrorModel, gain: Array) -> tuple[Array, Array, Arra
 
 
 def attack(
-    design: FilterDesign, worst: WorstCase, seed: int, steps: int, runs: int
+    design: FilterDesign, worst: WorstCase, seed: int, steps: int, runs: int, known: bool = True
 ) -> tuple[Array, Array]:
-    """Simulate plant and filter; return output and disturbance energies, (steps, runs)."""
+    """Simulate plant and filter; return output and disturbance energies, (steps, runs).
+
+    A filter to which the jitter is not known takes each interval for the nominal one.
+    """
     plant, rng = design.model, np.random.default_rng(seed)
     x, estimate = np.zeros((2, 4, runs))
     noises = plant.B.shape[1]
@@ -284,7 +287,7 @@ def attack(
         s = first if k == 0 else worst.feedback[k - 1] @ e
         b = rng.standard_normal(runs)
         y = plant.C @ x + plant.D @ s[noises:]
-        estimate = design.A_f @ estimate + (plant.E @ estimate) * b + design.gain @ y
+        estimate = design.A_f @ estimate + known * (plant.E @ estimate) * b + design.gain @ y
         x = plant.A @ x + (plant.E @ x) * b + plant.B @ s[:noises]
         spent.append((s**2).sum(axis=0))
         seen.append(((plant.L @ (x - estimate)) ** 2).sum(axis=0))

@@ -58,19 +58,15 @@ def scene_numbers(scene: Scene) -> dict[str, float]:
     }
 
 
-def fix_variances(scene: Scene, every: int = 1) -> tuple[Array, Array]:
+def fix_variances(scene: Scene) -> tuple[Array, Array]:
     """Return the nodes heard at each sample of both areas, and the variance of each fix, m^2.
 
-    The variance is that of both components; NaN where fewer than three nodes are heard. The grid
-    of nodes may be wider, with every second one in each direction.
+    The variance is that of both components; NaN where fewer than three nodes are heard.
     """
     inside, heard, variance = places(scene), [], []
     for area in (f"area{a}" for a in AREAS):
-        nodes = scene.nodes[area]
-        steps = np.round((nodes - nodes.min(axis=0)) / scene.spacing)
-        kept = nodes[(steps % every == 0).all(axis=1)]
         for place in inside[area]:
-            near = nodes_heard(kept, place, scene.ranging.reach)
+            near = nodes_heard(scene.nodes[area], place, scene.ranging.reach)
             known = len(near) >= 3
             covariance = position_covariance(near, place, scene.ranging.noise) if known else np.nan
             heard.append(len(near))

@@ -21,6 +21,7 @@ from inswsn_book.judge.review import (
     load_entries,
     with_entries,
     with_readings,
+    with_reruns,
 )
 from inswsn_book.judge.verdicts import VERDICTS, Earlier, Judged, count_verdicts, verdicts
 from inswsn_book.record.files import check_listed
@@ -49,7 +50,7 @@ def judge(root: Path, results: Iterable[Results]) -> list[Judged]:
 
     With each stands what other readings of the papers would make of it, and what releases made.
     """
-    known = tuple(results)
+    known = with_reruns(root, results)
     judged = verdicts(load_claims(root / LEDGER), known)
     if (root / READINGS).is_file():
         readings = load_entries(root / READINGS, Readings)

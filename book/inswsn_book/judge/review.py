@@ -19,12 +19,22 @@ from pydantic import Field, ValidationError
 
 from inswsn_book.judge.ledger import Claim, QuantityCheck
 from inswsn_book.judge.verdicts import Judged, Named, Read, Verdict, verdicts
-from inswsn_book.record.results import Finite, Frozen, Name, Quantity, Results, first_problem
+from inswsn_book.record.results import (
+    Finite,
+    Frozen,
+    Name,
+    Quantity,
+    Results,
+    first_problem,
+    read_results,
+)
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_yaml
 
 ERRATA = "data/errata.yaml"
 READINGS = "data/readings.yaml"
+#: What reruns of chapters with other parameters found, a file for each chapter
+RERUNS = "data/reruns"
 
 # {01:cost.position.percent:.0f} and {claim:P1-P-T}; a role, {ref}`...`, has no colon or a backtick
 _PLACEHOLDER = re.compile(r"\{([\w-]+):([\w.-]+)(@low|@high)?(?::([^{}`]*))?\}(?!`)")
@@ -234,7 +244,8 @@ class Anew(Frozen):
     """Claims that a reading judges by the quantities of its own run of the same computation.
 
     These have the names of those that decide, behind a prefix: ``square`` for
-    ``square.table3.lssvm.rx1``. In `claims` ``*`` stands for any characters.
+    ``square.table3.lssvm.rx1``. The chapter records them, or a rerun of it, see `with_reruns`. In
+    `claims` ``*`` stands for any characters.
     """
 
     claims: Annotated[tuple[str, ...], Field(min_length=1)]
@@ -296,6 +307,17 @@ class Readings(Frozen):
 
     questions: tuple[Question, ...]
     computed: tuple[Statement, ...] = ()
+
+
+def with_reruns(root: Path, results: Iterable[Results]) -> list[Results]:
+    """Return results with the quantities that `RERUNS` keeps of reruns, behind their prefixes."""
+    kept = {path.stem: read_results(path).quantities for path in (root / RERUNS).glob("*.json")}
+    whole = []
+    for found in results:
+        both = (*found.quantities, *kept.get(found.chapter, ()))
+        quantities = tuple({quantity.name: quantity for quantity in both}.values())
+        whole.append(found.model_copy(update={"quantities": quantities}))
+    return whole
 
 
 def judged_anew(reading: Reading, findings: Findings) -> list[tuple[Judged, Judged]]:

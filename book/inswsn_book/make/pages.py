@@ -100,12 +100,13 @@ def _head_of(chapter: Chapter) -> dict[str, str]:
 def context(project: Project, results: Sequence[Results]) -> dict[str, Any]:
     """Return what the templates are rendered over."""
     judged = judge(project.root, results)
-    findings = review.Findings(results, judged)
+    findings = review.Findings(review.with_reruns(project.root, results), judged)
+    by_chapter = {found.chapter: found for found in results}
     known: dict[str, Any] = {
         "about": project.about(),
         "chapters": [
             {"number": c.id, "name": c.name, "lesson": c.lesson}
-            | {"results": findings.results.get(c.id)}
+            | {"results": by_chapter.get(c.id)}
             | _head_of(c)
             for c in project.chapters()
         ],
@@ -179,6 +180,7 @@ def _kept(project: Project) -> dict[str, Any]:
     return {
         **{path.stem: read_json(path) for path in data.glob("*.json")},
         "ladders": _ladders(data / "recorded/on-recordings.json"),
+        "reruns": {p.stem: read_json(p)["provenance"] for p in data.glob("reruns/*.json")},
         "benchmarks": {path.stem: read_yaml(path) for path in data.glob("benchmarks*.yaml")},
         "assumptions": read_yaml(assumed) if assumed.is_file() else {},
         "settings": {path.stem: load_scenario(path) for path in data.glob("scenarios/*.yaml")},

@@ -9,7 +9,7 @@ from pathlib import Path
 from bs4 import BeautifulSoup
 
 from inswsn_book.judge.claims import judge
-from inswsn_book.judge.review import Findings
+from inswsn_book.judge.review import Findings, with_reruns
 from inswsn_book.make.site import require_current_site
 from inswsn_book.record.chapter import plain
 from inswsn_book.record.files import MANIFEST, damages
@@ -74,7 +74,8 @@ def _shown(project: Project, site: Path, found: Sequence[Results]) -> Iterator[t
         page = _read(site / "chapters" / f"{chapter.name}.html")
         for where, *texts in _of_chapter(page, chapter.source.read_text("utf-8"), results):
             yield f"{chapter.name}, {where}", *texts
-    findings, page = Findings(found, judged), _read(site / "claims.html")
+    findings = Findings(with_reruns(project.root, found), judged)
+    page = _read(site / "claims.html")
     for entry in judged:
         text = " ".join(tag.get_text() for tag in page.select(f"#{entry.claim.anchor}"))
         for word in (entry.label, f": {entry.rebuilt_text}." if entry.quantity else ""):

@@ -10,8 +10,15 @@ import pytest
 from inswsn_book.evidence import training_inputs
 from inswsn_book.evidence.filter_gammas import printed_clocks, rebuild_gammas
 from inswsn_book.evidence.fusion_percentages import FirstReading, rebuild_percentages
+from inswsn_book.evidence.lmi_proof import attack
 from inswsn_book.evidence.outage_cells import outages_by_drive, rebuild_outages, rebuild_recorded
-from inswsn_book.evidence.outage_page import first_half, with_past
+from inswsn_book.evidence.outage_page import (
+    area_squares,
+    first_half,
+    hf_over_kf,
+    turning_time,
+    with_past,
+)
 from inswsn_book.evidence.outage_tables import rebuild_table1, rebuild_table3, table1_cells
 from inswsn_book.evidence.training_table import rebuild_table2, with_recorded
 
@@ -19,6 +26,8 @@ from inswsn_lib import data_file
 from inswsn_lib.evaluation import Finding, mean_absolute_error
 from inswsn_lib.filters import patterns_of
 from inswsn_lib.learning import LSSVMRegressor
+from inswsn_lib.lmi import design_filter, worst_disturbance
+from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation import (
     BridgedOutages,
     ClusterFusion,
@@ -67,6 +76,20 @@ def test_a_longer_period_needs_a_larger_gamma_in_both_areas(filters: Any) -> Non
     for area in ("area1", "area2"):
         name = f"gamma.alike.exact.{area}"
         assert long[name].value > 1.1 * short[name].value
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.002])
+def test_without_jitter_there_is_nothing_to_know(jitter: float) -> None:
+    """The worst disturbance then attains its gain in each run; with jitter the filters differ."""
+    design = design_filter(ErrorModel.p1(0.2, jitter), margin=0.01)
+    worst = worst_disturbance(design.A_f, design.model.E, *design.error_system[1:], 30)
+    knows, told_nothing = (attack(design, worst, 1, 30, 5, known) for known in (True, False))
+    energies, spent = (each.sum(axis=0) for each in knows)
+    if jitter == 0:
+        assert np.sqrt(energies / spent) == pytest.approx(np.full(5, worst.gain))
+        np.testing.assert_array_equal(knows[0], told_nothing[0])
+    else:
+        assert (knows[0][1:] != told_nothing[0][1:]).any(axis=0).all()
 
 
 # P1: Table 2, what is drawn, and windows of a recording ------------------------------------------
@@ -209,6 +232,42 @@ def test_an_outage_of_another_length_moves_no_area(samples: int) -> None:
         was = BridgedOutages(runs=2).judged[area]
         assert passage.time[:100] == pytest.approx(was.time[:100])
         assert not np.isnan(passage.y[:100]).any()
+
+
+def test_hf_has_the_squares_of_the_network(outages: BridgedOutages) -> None:
+    """P1's filter is the last fix; its error is that of the network."""
+    (hf, kf), drawn = area_squares(outages), outages.drawn
+    for found, area in zip(hf, "12", strict=True):
+        fixes = drawn[f"wsn.area{area}"][:, :2]
+        np.testing.assert_allclose(found, (fixes**2).mean(axis=(0, 1)), rtol=1e-6)
+    assert (kf > 0).all()
+
+
+def test_a_factor_is_the_mean_over_the_areas_of_the_root_of_the_squares() -> None:
+    """2 m over 1 m in the first area, 3 m over 1 m in the second."""
+    hf, kf = [[3.0, 5.0], [9.0, 9.0]], [[1.0, 1.0], [0.5, 1.5]]
+    assert hf_over_kf(np.array([hf, kf])) == pytest.approx(2.5)
+
+
+def test_the_turn_is_where_the_filters_are_level() -> None:
+    """HF has 1 m, the Kalman filter a power of the time that is 1 m at 1.2 s, in all runs."""
+    ones = np.ones((2, 40))
+    squares = {t: np.array([ones, (t / 1.2) ** 0.8 * ones]) for t in (0.5, 1.0, 1.5, 3.2)}
+    turn, (low, high) = turning_time(squares, seed=1)
+    assert (turn, low, high) == pytest.approx((1.2, 1.2, 1.2))
+
+
+def test_the_turn_of_few_runs_is_less_sure() -> None:
+    rng = np.random.default_rng(5)
+    widths = []
+    for runs in (20, 320):
+        kf = rng.gamma(5.0, 0.2, (2, runs))
+        squares = {t: np.array([np.ones((2, runs)), t * kf]) for t in (0.5, 1.0, 2.0)}
+        turn, (low, high) = turning_time(squares, seed=1)
+        assert low < turn < high
+        assert low < 1.0 < high
+        widths.append(high - low)
+    assert widths[0] == pytest.approx(4 * widths[1], rel=0.5)
 
 
 # P2: its percentages -----------------------------------------------------------------------------

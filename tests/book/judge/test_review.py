@@ -11,6 +11,7 @@ from conftest import Render
 from hypothesis import given, strategies as st
 from inswsn_book.judge.ledger import MissingCheck, QuantityCheck
 from inswsn_book.judge.review import (
+    RERUNS,
     Anew,
     Bound,
     Entry,
@@ -27,8 +28,10 @@ from inswsn_book.judge.review import (
     load_entries,
     require_evidence,
     with_readings,
+    with_reruns,
 )
 from inswsn_book.judge.verdicts import Judged, Verdict, verdicts
+from inswsn_book.record.results import write_results
 from made_results import claim, quantity, results
 from markdown_it import MarkdownIt
 
@@ -263,6 +266,18 @@ def test_a_reading_judges_by_quantities_behind_a_prefix() -> None:
     nobody = Reading(name="x y", found="It is so.", anew=(Anew(claims=("P7*",), prefix="rival"),))
     with pytest.raises(InswsnError, match="no claim that fits P7"):
         judged_anew(nobody, findings)
+
+
+def test_reruns_stand_beside_what_the_chapter_found(tmp_path: Path) -> None:
+    """Only beside that of their own chapter, and once however often they are added."""
+    kept, other = tmp_path / RERUNS / "00.json", results(chapter="01")
+    kept.parent.mkdir(parents=True)
+    write_results(results(quantity("rival.twice", 45.0)), kept)
+    once = with_reruns(tmp_path, [RESULTS, other])
+    assert once[0]["rival.twice"].value == 45.0
+    assert once[0].quantities[:-1] == RESULTS.quantities
+    assert once[1] == other
+    assert with_reruns(tmp_path, once) == once
 
 
 # A bad file --------------------------------------------------------------------------------------
