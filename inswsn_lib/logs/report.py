@@ -25,7 +25,7 @@ from inswsn_lib.logs.estimates import (
 from inswsn_lib.logs.filter_checks import check_innovations, check_nees, check_outliers
 from inswsn_lib.logs.findings import FALSE_ALARM, Finding
 from inswsn_lib.logs.ladder import Ladder
-from inswsn_lib.logs.network_fixes import network_of
+from inswsn_lib.logs.network_fixes import network_of, shares_of
 from inswsn_lib.logs.outages import COASTING, ON, SMOOTHED, STILL, STRAIGHT, Outages
 from inswsn_lib.logs.set_up_checks import check_failed, check_set_up
 from inswsn_lib.streams import Fixes, Recording
@@ -34,6 +34,8 @@ _ALIGNMENT = 20.0  # s
 _MIRRORED = "the network is mirrored, its x and y exchanged, or rates have the other sign"
 _TRACK = ("x", "y", "vx", "vy")
 _MOST, _INTERVAL = 20_000, 0.2  # fixes, or intervals of ranges, that are taken, and s of these
+# RMS misfit of the logarithm of the ratio that a filter states, on recordings without reference
+_STATED = 0.12
 _OF_FILTER = ("outliers", "size", "colour", "whiteness", "errors")  # findings of the filter
 # Outages in which fixes are withheld, s: times how long their errors last, at the least and most,
 # and of the time that is judged
@@ -57,7 +59,9 @@ class Report:
         (``position_ratio``, ``position_low``, ``position_high``, and of velocity). A row
         ``expected`` has the ratios of a filter on fixes that were to be expected by how long errors
         of fixes last and the motion holds their accuracy, with 90 % intervals
-        (`filters.ErrorStatistics`), where there is a reference and enough of it. In outages the
+        (`filters.ErrorStatistics`), where there is a reference and enough of it; a filter that learns
+        the tilt of an INS may have less error of velocity. Without a reference it is the ratio
+        of position by the covariance of the filter, if its innovations fit. In outages the
         network is the better of standing still and going on at the last velocity; a row ``line`` is
         the straight line to the next fix, which the smoothed track is compared with. What cannot
         be told is NaN.
@@ -181,6 +185,8 @@ def _with_filter(ladder: Ladder, findings: list[Finding]) -> Report:
     judged = _by_reference if recording.reference is not None else _in_outages
     table, judge, more = judged(ladder, solution)
     findings += more
+    if recording.reference is None:
+        table = pd.concat([table, _stated(ladder, solution, findings)])
     judge = "nothing" if table.isna().all(axis=None) else judge
     said = sentence_of(findings, table, judge)
     track = _track(ladder.fixes.time, ladder.of(solution))
@@ -225,6 +231,26 @@ def _expected(ladder: Ladder, truth: Array) -> pd.DataFrame:
     told = [ExpectedRatio.of(*each) for each in zip(ratios, MISFIT, strict=True)]
     row = [value for each in told for value in (np.nan, *each)]
     return pd.DataFrame([row], index=["expected"], columns=[*ERRORS])
+
+
+def _stated(ladder: Ladder, solution: Solution, findings: list[Finding]) -> pd.DataFrame:
+    """Return a row of what a filter on fixes says that it leaves of their errors, or none.
+
+    By its covariance, the solution of the Riccati equation with the errors of fixes that it takes
+    for likely, and only where its innovations bear it out.
+    """
+    name, P = ladder.corrected, ladder.of(solution).covariance
+    doubted = any(each.fits is False for each in findings if each.name in _OF_FILTER)
+    if name != ladder.on_fixes or P is None or doubted:
+        return pd.DataFrame(columns=[*ERRORS])
+    white, *others = ladder.tuned(name).best[2:]
+    variance = white**2 + (others[-2] ** 2 if name == COLOURED else 0.0)
+    rows = (ladder.fixes.time > ladder.split) & np.isfinite(P).all(axis=(1, 2))
+    of_fixes = variance * np.mean(shares_of(ladder.fixes)[rows, :2] ** 2)
+    ratio = float(np.sqrt(np.mean(np.diagonal(P[rows, :2, :2], axis1=1, axis2=2)) / of_fixes))
+    row = dict.fromkeys(ERRORS, np.nan)
+    row |= zip(ERRORS[1:4], ExpectedRatio.of(ratio, _STATED), strict=True)
+    return pd.DataFrame(row, index=["expected"])
 
 
 def _turned_by(recording: Recording, solution: Solution) -> Recording:
@@ -448,4 +474,9 @@ def sentence_of(findings: list[Finding], table: pd.DataFrame, judge: str) -> str
             f"{share('position')} as far as what goes on from the last fix, and the smoothed one "
             f"{share('position', 'smoothed')} as far as a straight line to the next."
         )
+        if "expected" in table.index:
+            said.append(
+                "While there are fixes it should have "
+                f"{share('position', 'expected')} of their error in position."
+            )
     return " ".join(said)

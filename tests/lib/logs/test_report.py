@@ -58,6 +58,8 @@ def test_a_filter_that_fits_is_consistent_and_better_than_the_network() -> None:
     # of two coordinates
     assert network == pytest.approx(np.sqrt(2) * NOISE, rel=0.15)
     assert smoothed < corrected < 0.5 * network
+    # it drifts too little in this time to tell for how long it holds a place
+    assert "expected" not in found.table.index
     # the filter finds the noise of the fixes
     assert found.numbers[2] == pytest.approx(NOISE, rel=0.15)
     assert {"size", "colour", "whiteness", "errors"} <= {each.name for each in found.findings}
@@ -75,11 +77,15 @@ def test_without_a_reference_outages_judge() -> None:
     assert found.judge.startswith("outages of ")
     assert "the fixes that are withheld" in found.sentence
     # a fix has errors of its own, of two coordinates
-    network, corrected, line, smoothed = found.table["position"]
+    network, corrected, line, smoothed, _ = found.table["position"]
     assert np.sqrt(2) * NOISE * 0.85 < smoothed < corrected < network
     assert smoothed < line
     assert found.table["velocity"].isna().all()
     assert [each.fits for each in found.findings if each.name == "axes"] == [True]
+    # what the filter says that it leaves of a fix's error, and what it does
+    expected, known = found.table.loc["expected"], report(drive(), begins=1).table
+    left = known.loc["corrected", "position_ratio"]
+    assert expected["position_low"] < left < expected["position_high"] < 1
 
 
 @pytest.mark.parametrize("change", ["mirrored", "exchanged", "sign of the rate"])
@@ -187,6 +193,11 @@ def test_velocities_of_fixes_are_used() -> None:
     assert told.numbers[3] == pytest.approx(0.03, rel=0.3)
     for name in ("position", "velocity"):
         assert told.table.loc["corrected", name] < 0.6 * without.table.loc["corrected", name]
+    for table in (told.table, without.table):
+        expected, gained = table.loc["expected"], table.loc["corrected"]
+        assert expected["position_low"] < gained["position_ratio"] < expected["position_high"]
+        # it learns the tilt, which the law knows nothing of
+        assert 0.5 * expected["velocity_low"] < gained["velocity_ratio"] < expected["velocity_high"]
 
 
 def test_the_deviation_of_each_fix_is_used() -> None:
