@@ -59,7 +59,7 @@ class Report:
         (``position_ratio``, ``position_low``, ``position_high``, and of velocity). A row
         ``expected`` has the ratios of a filter on fixes that were to be expected by how long errors
         of fixes last and the motion holds their accuracy, with 90 % intervals
-        (`filters.ErrorStatistics`), where there is a reference and enough of it; a filter that learns
+        (`filters.ErrorStatistics`), where there is a reference and enough of it; one that learns
         the tilt of an INS may have less error of velocity. Without a reference it is the ratio
         of position by the covariance of the filter, if its innovations fit. In outages the
         network is the better of standing still and going on at the last velocity; a row ``line`` is
@@ -465,8 +465,9 @@ def sentence_of(findings: list[Finding], table: pd.DataFrame, judge: str) -> str
         if "expected" in table.index:
             said.append(
                 "By how long errors of fixes last and the motion holds their accuracy, a filter on "
-                f"fixes is expected to have {share('position', 'expected')} of their error in "
-                f"position and {share('velocity', 'expected')} in velocity."
+                "fixes, which learns neither tilt nor biases, is expected to have "
+                f"{share('position', 'expected')} of their error in position and "
+                f"{share('velocity', 'expected')} in velocity (90 %)."
             )
     else:
         said.append(

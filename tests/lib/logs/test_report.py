@@ -193,11 +193,12 @@ def test_velocities_of_fixes_are_used() -> None:
     assert told.numbers[3] == pytest.approx(0.03, rel=0.3)
     for name in ("position", "velocity"):
         assert told.table.loc["corrected", name] < 0.6 * without.table.loc["corrected", name]
+    # the filter learns tilt and biases, which here are constant: it does better than expected of one
+    # that does not
     for table in (told.table, without.table):
         expected, gained = table.loc["expected"], table.loc["corrected"]
-        assert expected["position_low"] < gained["position_ratio"] < expected["position_high"]
-        # it learns the tilt, which the law knows nothing of
-        assert 0.5 * expected["velocity_low"] < gained["velocity_ratio"] < expected["velocity_high"]
+        assert 0.8 < gained["position_ratio"] / expected["position_ratio"] < 1
+        assert 0.5 < gained["velocity_ratio"] / expected["velocity_ratio"] < 1
 
 
 def test_the_deviation_of_each_fix_is_used() -> None:
