@@ -282,7 +282,11 @@ nothing to correct fixes with.
     @cached_property
     def alone(self) -> Estimate:
         """The motion that nothing corrects after the start."""
-        return self.of(self.filters.run([], *_FREE))
+        return self.unaided()
+
+    def unaided(self, start: Start | None = None, end: float = np.inf) -> Estimate:
+        """Return the motion that nothing corrects from a start, until a time, s."""
+        return self.of(self.filters.run([], *_FREE, start=start, end=end))
 
     @cached_property
     def _searches(self) -> dict[str, Tuning[tuple[float, ...]]]:

@@ -100,13 +100,15 @@ nothing to correct fixes with.
             found["go on at the true velocity"] = self._on(self.ladder.truth[self.starts])
         return found
 
-    def table(self, lengths: Sequence[float] = (2.0, 5.0, 10.0)) -> pd.DataFrame:
-        """Return RMS errors over outages of these lengths, m, and ratios to going on.
+    def table(self, lengths: Sequence[float] = (2.0, 5.0, 10.0), other: str = ON) -> pd.DataFrame:
+        """Return RMS errors over outages of these lengths, m, and ratios to another row, going on.
 
         Parameters
         ----------
         lengths : sequence of float
             s, up to the longest.
+        other : str
+            The row to which ratios are.
 
         Returns
         -------
@@ -120,7 +122,7 @@ nothing to correct fixes with.
         for name, error in everything.items():
             rows[name] = {"oracle": name in self.oracles, "outages": len(self.starts)}
             for length in lengths:
-                told = self.ratio(error, everything[ON], length)
+                told = self.ratio(error, everything[other], length)
                 columns = [f"{what} {length:g} s" for what in ("rms", "ratio", "low", "high")]
                 rows[name] |= dict(zip(columns, told, strict=True))
         return pd.DataFrame(rows).T
@@ -192,6 +194,13 @@ nothing to correct fixes with.
         first, last = (state[k, None, :2] for k in (self.starts, after))
         return self.apart(first + share[:, :, None] * (last - first), self.starts)
 
+    def start_at(self, name: str, k: int) -> Start:
+        """Return the motion by a filter of `solutions` after a fix, from which others can go on."""
+        time, solution = float(self.ladder.fixes.time[k]), self.solutions[name]
+        event = int(solution.at(np.array([time]))[0])
+        state, P = solution.states[event], solution.covariances[event]
+        return Start(time, replace(state, own=np.zeros(0)), P[: state.errors, : state.errors])
+
     def _replayed(self, name: str, *, smoothed: bool = False) -> Array:
         """Return the errors of a filter without fixes, or of its smoother with those after."""
         found = [self._replay(name, int(k), smoothed=smoothed) for k in self.starts]
@@ -199,12 +208,8 @@ nothing to correct fixes with.
 
     def _replay(self, name: str, k: int, *, smoothed: bool) -> Array:
         """Return where the filter is at the fixes that are withheld after one, (steps, 2)."""
-        ladder, fixes, solution = self.ladder, self.ladder.fixes, self.solutions[name]
-        event = int(solution.at(fixes.time[k : k + 1])[0])
-        state, P = solution.states[event], solution.covariances[event]
-        n, after = state.errors, k + 1 + self.steps
-        start = Start(float(fixes.time[k]), replace(state, own=np.zeros(0)), P[:n, :n])
-        last = after + self.steps * smoothed
+        ladder, fixes, after = self.ladder, self.ladder.fixes, k + 1 + self.steps
+        start, last = self.start_at(name, k), after + self.steps * smoothed
         gone = np.ones(len(fixes), dtype=bool)
         gone[after:last] = False
         end = float(fixes.time[min(last, len(fixes) - 1)])
