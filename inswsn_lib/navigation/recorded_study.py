@@ -27,7 +27,7 @@ from inswsn_lib.logs.correction import COLOURED, TIGHT
 from inswsn_lib.logs.estimates import Estimate, scores, tag_track
 from inswsn_lib.logs.ladder import FAMILIES, FIXED_LAG, SMOOTHER, difference_model
 from inswsn_lib.logs.network_fixes import UP
-from inswsn_lib.logs.outages import COASTING, STILL
+from inswsn_lib.logs.outages import COASTING
 from inswsn_lib.navigation.bridged_outages import Passage
 from inswsn_lib.navigation.hybrid import HybridNavigator, observable_inputs
 from inswsn_lib.streams import Fixes, Ranges, Recording, Whole
@@ -41,7 +41,7 @@ WINDOWS = (25, 50, 100)
 #: After the names of methods of P1's form: what becomes of their INS
 RESTARTED, NEVER = "", ", INS never corrected"
 #: Against what methods are held in outages, beside going straight on
-RIVALS = (STILL, COASTING, "P1's KF, coasting")
+RIVALS = (COASTING, "P1's KF, coasting")
 _UNKNOWN = 1e6 * np.eye(4)
 # Learners, and what is tried of each: times inputs and windows about as many settings as the search
 # for the numbers of a filter tries
