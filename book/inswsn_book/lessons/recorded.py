@@ -458,6 +458,11 @@ def hold(
     record.note("coasting", coasting, "s", "How long coasting is best, room.", basis="recorded")
     learned = record.reference("recorded-data", "learners.mean.lssvm").interval or (0.0,)
     record.holds("A learning machine has more error than the filter that coasts.", learned[0] > 1)
+    within = [
+        (record.reference("recorded-data", f"learners.{place}.lssvm").interval or (0.0,))[0] > 1
+        for place in ("room", "second", "walk", "car")
+    ]
+    record.holds("Within a recording that is sure on one of the four.", sum(within) == 1)
     machine, still, coast = (
         tables["profiles inrol/1"][column].iloc[-1] for _, column in BRIDGES.values()
     )
