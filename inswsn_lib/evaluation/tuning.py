@@ -39,6 +39,8 @@ class Tuning(Generic[Candidate]):
     settled : bool
         Of a pattern search: whether all neighbours of the best were tried, and it lies at no edge.
         Of one for the most likely numbers: whether two begins led to the best end.
+    evaluations : int, optional
+        How often the loss was computed, where candidates are but the ends of searches.
 
     Examples
     --------
@@ -52,11 +54,12 @@ class Tuning(Generic[Candidate]):
     candidates: tuple[Candidate, ...]
     losses: tuple[float, ...]
     settled: bool = True
+    evaluations: int | None = None
 
     @property
     def trials(self) -> int:
-        """How many candidates were tried."""
-        return len(self.candidates)
+        """How many settings were tried."""
+        return self.evaluations or len(self.candidates)
 
     @property
     def best(self) -> Candidate:
@@ -240,4 +243,5 @@ def most_likely(
     losses = tuple(float(end.fun) for end in ends)
     near = sum(each - min(losses) < _APART for each in losses)
     found = tuple(tuple((origin * np.exp(end.x)).tolist()) for end in ends)
-    return Tuning(name, found, losses, settled=near > 1)
+    tried = sum(int(end.nfev) for end in ends)
+    return Tuning(name, found, losses, settled=near > 1, evaluations=tried)

@@ -291,7 +291,11 @@ nothing to correct fixes with.
     @cached_property
     def alone(self) -> Estimate:
         """The motion that nothing corrects after the start."""
-        return self.of(self.filters.run([], *_FREE))
+        return self.unaided()
+
+    def unaided(self, start: Start | None = None, end: float = np.inf) -> Estimate:
+        """Return the motion that nothing corrects from a start, until a time, s."""
+        return self.of(self.filters.run([], *_FREE, start=start, end=end))
 
     def start_after(self, solution: Solution, k: int) -> Start:
         """Return where a run goes on from a solution after a fix: its state, and errors of it."""
@@ -317,9 +321,9 @@ nothing to correct fixes with.
         while k < last:
             end = min(max(int(np.searchsorted(time, time[k] + _RESTART)), k + 1), last)
             start = self.start_after(solution, k)
-            run = self.filters.run([], *_FREE, start=start, end=float(time[end]))
+            alone = self.unaided(start, float(time[end])).state
             ahead, passed = slice(k + 1, end + 1), (time[k + 1 : end + 1] - time[k])[:, None]
-            moved = self.of(run).state[ahead] - filtered[k]
+            moved = alone[ahead] - filtered[k]
             moved[:, :2] += passed * (found[k, 2:] - filtered[k, 2:])
             found[ahead], k = found[k] + moved, end
         return Estimate(found)

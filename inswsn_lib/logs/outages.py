@@ -100,13 +100,15 @@ nothing to correct fixes with.
             found["go on at the true velocity"] = self._on(self.ladder.truth[self.starts])
         return found
 
-    def table(self, lengths: Sequence[float] = (2.0, 5.0, 10.0)) -> pd.DataFrame:
-        """Return RMS errors over outages of these lengths, m, and ratios to going on.
+    def table(self, lengths: Sequence[float] = (2.0, 5.0, 10.0), other: str = ON) -> pd.DataFrame:
+        """Return RMS errors over outages of these lengths, m, and ratios to another row, going on.
 
         Parameters
         ----------
         lengths : sequence of float
             s, up to the longest.
+        other : str
+            The row to which ratios are.
 
         Returns
         -------
@@ -120,7 +122,7 @@ nothing to correct fixes with.
         for name, error in everything.items():
             rows[name] = {"oracle": name in self.oracles, "outages": len(self.starts)}
             for length in lengths:
-                told = self.ratio(error, everything[ON], length)
+                told = self.ratio(error, everything[other], length)
                 columns = [f"{what} {length:g} s" for what in ("rms", "ratio", "low", "high")]
                 rows[name] |= dict(zip(columns, told, strict=True))
         return pd.DataFrame(rows).T
@@ -199,9 +201,8 @@ nothing to correct fixes with.
 
     def _replay(self, name: str, k: int, *, smoothed: bool) -> Array:
         """Return where the filter is at the fixes that are withheld after one, (steps, 2)."""
-        ladder, fixes, solution = self.ladder, self.ladder.fixes, self.solutions[name]
-        start, after = ladder.start_after(solution, k), k + 1 + self.steps
-        last = after + self.steps * smoothed
+        ladder, fixes, after = self.ladder, self.ladder.fixes, k + 1 + self.steps
+        start, last = ladder.start_after(self.solutions[name], k), after + self.steps * smoothed
         gone = np.ones(len(fixes), dtype=bool)
         gone[after:last] = False
         end = float(fixes.time[min(last, len(fixes) - 1)])

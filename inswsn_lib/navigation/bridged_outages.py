@@ -65,7 +65,8 @@ class Passage:
 
     Attributes
     ----------
-    area : {"1", "2"}
+    area : str
+        P1's ``"1"`` or ``"2"``, or the name of a recording.
     heard : int
         Samples before the outage.
     error : ndarray, (steps, 4, runs)

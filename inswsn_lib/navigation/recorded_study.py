@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property, partial
+from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -24,8 +25,10 @@ from inswsn_lib.logs import Ladder, Outages, calibrate, multilaterate_track
 from inswsn_lib.logs.blocks import interpolate
 from inswsn_lib.logs.correction import COLOURED, TIGHT
 from inswsn_lib.logs.estimates import Estimate, scores, tag_track
-from inswsn_lib.logs.ladder import FIXED_LAG, SMOOTHER, DifferenceFilters, difference_model
+from inswsn_lib.logs.ladder import FAMILIES, FIXED_LAG, SMOOTHER, difference_model
 from inswsn_lib.logs.network_fixes import UP
+from inswsn_lib.logs.outages import COASTING
+from inswsn_lib.navigation.bridged_outages import Passage
 from inswsn_lib.navigation.hybrid import HybridNavigator, observable_inputs
 from inswsn_lib.navigation.recorded_gains import gains, judged_by_fixes
 from inswsn_lib.streams import Fixes, Ranges, Recording, Whole
@@ -33,14 +36,30 @@ from inswsn_lib.streams import Fixes, Ranges, Recording, Whole
 Tables = dict[str, pd.DataFrame]
 
 #: What P1's hybrid learns from, by the names of `observable_inputs`
-INPUTS = ("inertial", "motion")
+INPUTS = ("time", "inertial", "motion")
 #: Over how many of the latest fixes
-WINDOWS = (25, 50)
+WINDOWS = (25, 50, 100)
+#: After the names of methods of P1's form: what becomes of their INS
+RESTARTED, NEVER = "", ", INS never corrected"
+#: Against what methods are held in outages, beside going straight on
+RIVALS = (COASTING, "P1's KF, coasting")
 _UNKNOWN = 1e6 * np.eye(4)
-_LEARNERS: Mapping[str, Callable[[], Any]] = {
-    "BP network": lambda: learning.BackpropRegressor(networks=1),
-    "LS-SVM": learning.SelectedLSSVM,
-}
+# Learners, and what is tried of each: times inputs and windows about as many settings as the search
+# for the numbers of a filter tries
+_LEARNERS: Mapping[str, tuple[str, Mapping[str, Sequence[float]]]] = {
+    "BP network": (
+        "BackpropRegressor",
+        {
+            "hidden": (1, 2, 3, 5, 10), "weight_decay": (0.0, 1e-5, 1e-3),
+            "validation_share": (0.0, 0.15), "epochs": (10, 100),
+        },
+    ),
+    "LS-SVM": (
+        "LSSVMRegressor",
+        {"sigma": tuple(2.0**k for k in range(10)), "eta": (1e1, 3e2, 1e4, 3e5, 1e7, 1e8)},
+    ),
+}  # fmt: skip
+_DRAWS = 10  # of the random numbers of learners that are judged
 _FORM = 1
 _LAG = 10.0  # s, to which autocorrelations are taken
 # what a tight filter may assume beside the tuned numbers: errors that soon fade
@@ -207,14 +226,31 @@ def _nearest(fixes: Fixes, times: Array, most: float) -> Array:
     return np.where(there[:, None], fixes.position[row, :2], np.nan)
 
 
+class Setting(NamedTuple):
+    """What a method of P1's form is fed with, over how many of the latest fixes, and by what."""
+
+    inputs: str
+    window: int
+    machine: Any = None  # without one the filter coasts
+
+
 @dataclass(frozen=True, eq=False)
 class RecordedOutages(Outages):
-    """Outages of a recording with a reference, in which P1's hybrids take part, too.
+    """Outages of a recording with an IMU, in which P1's hybrids take part, too.
+
+    In P1's form a filter estimates the error of an INS while there are fixes, and a learner that is
+    trained on its estimates goes on in the outage. The INS is restarted before the fixes that
+    train, with the position, velocity, attitude and biases that the likeliest error-state filter
+    has there, and runs uncorrected through them and the outage. In rows that end with `NEVER` it is
+    never corrected after its alignment. Of the settings of each method all are tried in outages of
+    the first part, and the one of least error there is judged.
 
     Attributes
     ----------
     ladder, longest, every
         As of `Outages`.
+    windows : sequence of int
+        How many of the latest fixes train: what is tried.
 
     Examples
     --------
@@ -228,66 +264,136 @@ class RecordedOutages(Outages):
 nothing to correct fixes with.
     """
 
+    windows: Sequence[int] = WINDOWS
+
     @cached_property
     def errors(self) -> dict[str, Array]:
-        """Horizontal errors of what a system could have done, (outages, steps), m, by method."""
-        kalman = self._kalman(self._difference(self.starts)[1])  # its INS drifts
-        found = {**super().errors, "P1's KF, coasting": self._corrected(kalman, self.starts)}
-        return found | {f"P1's {name}": self._hybrid(name, self.starts) for name in _LEARNERS}
+        """Horizontal errors of what a system could have done, (outages, steps), m, by method.
 
-    @cached_property
-    def settings(self) -> dict[str, tuple[str, int]]:
-        """The inputs and the window of each learner, by every second outage of the tuning part."""
-        ladder = self.ladder
-        begin, end = ladder.start.time + self.longest, ladder.split - self.longest
-        starts = self.begins(begin, end)[::2]
-        choices = [(inputs, window) for inputs in INPUTS for window in WINDOWS]
-        return {
-            name: min(
-                choices,
-                key=lambda c: float(np.nanmean(np.square(self._hybrid(name, starts, c)))),
-            )
-            for name in _LEARNERS
-        }
-
-    @property
-    def _filters(self) -> DifferenceFilters:
-        found = self.ladder.difference
-        assert found is not None  # beside an IMU
+        Those of learners are root mean squares over draws of their random numbers.
+        """
+        starts, found = tuple(np.tile(self.starts, _DRAWS).tolist()), super().errors
+        for (name, reading), setting in self.settings.items():
+            each = self._bridged(starts, reading, setting).reshape(_DRAWS, -1, self.steps)
+            found[f"P1's {name}{reading}"] = np.sqrt(np.mean(np.square(each), axis=0))
         return found
 
-    def _hybrid(self, name: str, starts: Whole, choice: tuple[str, int] | None = None) -> Array:
-        """Return the errors of P1's hybrid, whose filter and learner have an INS that drifts."""
-        inputs, window = choice or self.settings[name]
-        time, (ins, y) = self.ladder.fixes.time, self._difference(starts)
-        navigator = HybridNavigator(self._kalman, _LEARNERS[name](), window=window)
-        run = navigator.run(y, observable_inputs(time[-len(ins) :], ins)[inputs])
-        return self._corrected(run.estimates, starts)
+    @cached_property
+    def choices(self) -> dict[str, list[Setting]]:
+        """The settings of each method that are tried."""
+        found = {"KF, coasting": [Setting("", window) for window in self.windows]}
+        for name, (kind, grid) in _LEARNERS.items():
+            machines = [
+                getattr(learning, kind)(**dict(zip(grid, each, strict=True)))
+                for each in product(*grid.values())
+            ]
+            tried = product(INPUTS, self.windows, machines)
+            found[name] = [Setting(*each) for each in tried]
+        return found
+
+    @cached_property
+    def rehearsed(self) -> Whole:
+        """The last fix before each outage of the first part, in which settings are tried."""
+        ladder = self.ladder
+        after = int(np.searchsorted(ladder.fixes.time, ladder.start.time, side="right"))
+        return self.begins(float(ladder.fixes.time[after + max(self.windows)]), ladder.split)
+
+    @cached_property
+    def settings(self) -> dict[tuple[str, str], Setting]:
+        """The setting of each method and reading with the least error in these outages."""
+        starts = tuple(self.rehearsed.tolist())
+
+        def loss(reading: str, setting: Setting) -> float:
+            return float(np.nanmean(np.square(self._bridged(starts, reading, setting))))
+
+        return {
+            (name, reading): min(settings, key=partial(loss, reading))
+            for reading in (RESTARTED, NEVER)
+            for name, settings in self.choices.items()
+        }
+
+    def chosen(self) -> pd.DataFrame:
+        """Return what was chosen for the methods of P1's form, of how many trials.
+
+        Returns
+        -------
+        DataFrame
+            A row for each method: ``inputs``, ``window`` (fixes), the numbers of its ``machine``,
+            ``trials``, the outages in which they were ``rehearsed``, how many trials the ``filter``
+            had that the INS is restarted from, and how far the INS is off when the judged outages
+            begin, ``least`` and ``most`` (m).
+        """
+        name = next(iter(self.solutions))
+        rows = {}
+        for (method, reading), setting in self.settings.items():
+            passage, _ = self._passages(tuple(self.starts.tolist()), setting.window, reading)
+            begun = np.linalg.norm(passage.error[setting.window, :2], axis=0)
+            grid = _LEARNERS[method][1] if setting.machine else {}
+            numbers = [f"{key} {getattr(setting.machine, key):g}" for key in grid]
+            rows[f"P1's {method}{reading}"] = {
+                "inputs": setting.inputs, "window": setting.window, "machine": ", ".join(numbers),
+                "trials": len(self.choices[method]), "rehearsed": len(self.rehearsed),
+                "filter": self.ladder.tuned(name).trials,
+                "least": np.nanmin(begun), "most": np.nanmax(begun),
+            }  # fmt: skip
+        return pd.DataFrame(rows).T
+
+    def passage(self, starts: Whole, window: int, reading: str = RESTARTED) -> Passage:
+        """Return the fixes of a window before outages, and the outages, one run for each."""
+        ladder, steps = self.ladder, np.arange(-window, self.steps + 1)
+        rows = starts + steps[:, None]
+        if reading == NEVER:
+            ins = ladder.alone.state[rows]
+        else:
+            ins = np.stack([self._restarted(int(k), window) for k in starts], axis=1)
+        y = ins - ladder.network.state[rows]
+        y[window + 1 :] = np.nan
+        each = [
+            observable_inputs(ladder.fixes.time[row], ins[:, k]) for k, row in enumerate(rows.T)
+        ]
+        inputs = {kind: np.stack([x[kind] for x in each], axis=-1) for kind in INPUTS}
+        error, y = (x.transpose(0, 2, 1) for x in (ins - ladder.truth[rows], y))
+        return Passage(
+            ladder.recording.name, window + 1, error, y, inputs, np.asarray(ladder.step * steps)
+        )
+
+    def _restarted(self, k: int, window: int) -> Array:
+        """Return what an INS says that began as the filter was a window before a fix."""
+        start = self.ladder.start_after(next(iter(self.solutions.values())), k - window)
+        end = float(self.ladder.fixes.time[k + self.steps])
+        return self.ladder.unaided(start, end).state[k - window : k + self.steps + 1]
+
+    @cached_property
+    def _passages(self) -> Callable[[tuple[int, ...], int, str], tuple[Passage, Array]]:
+        """What makes a passage and what the filter finds in it, once: every setting needs it."""
+
+        def make(starts: tuple[int, ...], window: int, reading: str) -> tuple[Passage, Array]:
+            passage = self.passage(np.array(starts), window, reading)
+            return passage, self._kalman(passage.y)
+
+        return cache(make)
 
     def _kalman(self, measured: Array) -> Array:
-        model = difference_model(self.ladder.step, *self.ladder.tuned("KF").best)
+        """Return what P1's Kalman filter finds; without a reference it keeps its first numbers."""
+        ladder = self.ladder
+        numbers = ladder.tuned("KF").best if "KF" in ladder.families else FAMILIES["KF"]
+        model = difference_model(ladder.step, *numbers)
         return run_kalman(model, measured, initial_covariance=_UNKNOWN)
 
-    def _difference(self, starts: Whole) -> tuple[Array, Array]:
-        """Return an INS that drifts, (rows, 4), and INS less network, (rows, 4, outages)."""
-        ins, network = self._filters.ins, self.ladder.network.state
-        first = int(np.flatnonzero(np.isfinite(ins).all(axis=1))[0])
-        y = np.repeat((ins - network)[first:, :, None], len(starts), axis=2)
-        for outage, k in enumerate(starts - first):
-            y[k + 1 : k + 1 + self.steps, :, outage] = np.nan
-            y[k + 1 + self.steps :, :, outage] = 0.0  # after the outage nobody asks
-        return ins[first:], y
-
-    def _corrected(self, errors: Array, starts: Whole) -> Array:
-        """Return the errors of the INS less its errors (rows, 4, outages), in the outages."""
-        places = self._filters.ins[-len(errors) :, :2, None] - errors[:, :2]
-        ahead = self.ahead(starts) - (len(self.ladder.fixes) - len(errors))
-        return self.apart(np.array([places[steps, :, k] for k, steps in enumerate(ahead)]), starts)
+    def _bridged(self, starts: tuple[int, ...], reading: str, setting: Setting) -> Array:
+        """Return the errors in outages by a filter, and a learner if there is one."""
+        passage, found = self._passages(starts, setting.window, reading)
+        if setting.machine is not None:
+            filtered = found
+            hybrid = HybridNavigator(lambda _: filtered, setting.machine, window=setting.window)
+            found = hybrid.run(passage.y, passage.inputs[setting.inputs]).estimates
+        left = (passage.error - found)[passage.heard :, :2]
+        return np.asarray(np.linalg.norm(left, axis=1).T)
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedStudy:
-    """The filters of this package on five recordings, tuned on the first part of each.
+    """The filters of this package on six recordings, tuned on the first part of each.
 
     Attributes
     ----------
@@ -326,12 +432,14 @@ class RecordedStudy:
         }
 
     @cached_property
-    def outages(self) -> dict[str, Outages]:
-        """On foot and by car."""
-        walk, car = self._load("rtklib/walk-0827"), self._load("rtklib/drive-0708")
+    def outages(self) -> dict[str, RecordedOutages]:
+        """Where there is an IMU: twice in the room, on foot, and by car."""
+        again, walk, car = map(self._load, ("inrol/2", "rtklib/walk-0827", "rtklib/drive-0708"))
         return {
-            "rtklib/walk-0827": Outages(Ladder(walk), 10.0, 3.0),
-            "rtklib/drive-0708": Outages(Ladder(car, alignment=60.0), 20.0, 8.0),
+            "inrol/1": RecordedOutages(self.room),
+            "inrol/2": RecordedOutages(Ladder(again)),
+            "rtklib/walk-0827": RecordedOutages(Ladder(walk), 10.0, 3.0),
+            "rtklib/drive-0708": RecordedOutages(Ladder(car, alignment=60.0), 20.0, 8.0),
         }
 
     @property
@@ -343,7 +451,7 @@ class RecordedStudy:
 
     def tables(self) -> Tables:
         """Return everything, by the names of the sections of evidence recorded-data."""
-        clusters, outages = RecordedClusters(self.room), RecordedOutages(self.room)
+        clusters = RecordedClusters(self.room)
         found = {
             "errors": self._errors(),
             "bias": self._biases(),
@@ -352,8 +460,7 @@ class RecordedStudy:
             "smoother": self._smoother(),
             "tight": self._tight(),
             "clusters": clusters.table(),
-            "facts": self._facts(clusters, outages),
-            **_of_outages("inrol/1", outages),
+            "facts": self._facts(clusters),
             "autocorrelation": self._autocorrelations(),
         }
         found |= {name: ladder.table() for name, ladder in self.planar.items()}
@@ -479,12 +586,9 @@ class RecordedStudy:
             columns[name] = pd.Series(found.mean(axis=1), index=np.round(lags * period, 6))
         return pd.DataFrame(columns)
 
-    def _facts(self, clusters: RecordedClusters, outages: RecordedOutages) -> pd.DataFrame:
+    def _facts(self, clusters: RecordedClusters) -> pd.DataFrame:
         """Return single numbers by name."""
         room = self.room
-        # what the learners' INS, which is never corrected, is off by when an outage begins
-        astray = (room.alone.state - room.truth)[outages.starts, :2]
-        begun = np.linalg.norm(astray, axis=1)
         fixes = np.asarray(np.isfinite(room.fixes.position).all(axis=1))
         x, y = clusters.correlation
         facts = {
@@ -494,17 +598,20 @@ class RecordedStudy:
             "room judged": int(room.judged.sum()),
             "room split": room.split - float(room.fixes.time[0]),
             "room attitude jumps": _jumps(room.recording),
-            "outages ins least": float(begun.min()),
-            "outages ins most": float(begun.max()),
             "clusters correlation x": x,
             "clusters correlation y": y,
         }
         return pd.DataFrame({"value": facts})
 
 
-def _of_outages(name: str, outages: Outages) -> Tables:
+def _of_outages(name: str, outages: RecordedOutages) -> Tables:
     lengths = [length for length in (2.0, 5.0, 10.0, 20.0) if length <= outages.longest]
-    return {f"outages {name}": outages.table(lengths), f"profiles {name}": _profiles(outages)}
+    return {
+        f"outages {name}": outages.table(lengths),
+        **{f"over {other}, {name}": outages.table(lengths, other) for other in RIVALS},
+        f"profiles {name}": _profiles(outages),
+        f"chosen {name}": outages.chosen(),
+    }
 
 
 def write_tables(tables: Mapping[str, pd.DataFrame], **facts: Any) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from scipy.stats import norm
+from scipy.stats import norm, t
 
 from inswsn_book.show.legible import label_lines
 from inswsn_lib.checks import Array
@@ -66,6 +66,14 @@ def outage_table(
         for name, row in table.loc[list(names)].iterrows()
     }
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis("method")
+
+
+def mean_ratio(ratios: Sequence[float]) -> tuple[float, float, float]:
+    """Return the geometric mean of a ratio over recordings, and Student's 95 % interval."""
+    logs = np.log(np.array(ratios, dtype=float))
+    within = t.ppf(0.975, len(logs) - 1) * logs.std(ddof=1) / np.sqrt(len(logs))
+    mean, low, high = np.exp(logs.mean() + np.array([0.0, -within, within]))
+    return float(mean), float(low), float(high)
 
 
 def replication_table(

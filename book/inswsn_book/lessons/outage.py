@@ -438,6 +438,8 @@ def hold(
     for name, e in said.items():
         record.note(f"off.{name}", off((error - e)[heard:]), "m", "Mean distance, first outage.")
     record.say("seeds.spread", f"{record.reference('p1-outages', 'seeds.spread').value:.0f}")
+    recorded = record.reference("recorded-data", "learners.mean.lssvm").value
+    record.say("recorded.lssvm", f"{recorded:.2f}")
     for name in _FAIR:
         record.crossed("p1-outages", name)
     record.crossed("p1-outages", "/".join(_FAIR), ".1f", "ls-svm-over-coasting")

@@ -31,6 +31,8 @@ EVIDENCE = (
         ("kfv", "velocity-least"), ("kfv-most", "velocity-most"),
     )),
     *((n, f"outages.{n}", ".0f") for n in ("ins.least", "ins.most", "p1-ins.least", "p1-ins.most")),
+    *((n, f"outages.{n}", ".1f") for n in ("restarted.least", "restarted.most")),
+    ("learned", "learners.mean.lssvm", ".2f"),
     ("sure", "room.sure-gain", ".0f"),
     *((f"law.{of}", f"law.{of}", ".0f") for of in ("cases", "recordings")),
 )  # fmt: skip
@@ -456,12 +458,10 @@ def show_ratios(tables: Mapping[str, pd.DataFrame]) -> None:
 
 
 def overtaken(profile: pd.DataFrame) -> float:
-    """Return how long coasting has less error than standing still, from the first second on, s."""
+    """Return how long coasting has the least error of all bridges, from the first second on, s."""
     time = profile.index.to_numpy(dtype=float)
-    still, coast = (
-        profile[BRIDGES[name][1]].to_numpy(dtype=float) for name in ("stand still", "coast")
-    )
-    return float(time[np.flatnonzero((still < coast) & (time > 1))[0]])
+    *others, coast = (profile[column].to_numpy(dtype=float) for _, column in BRIDGES.values())
+    return float(time[np.flatnonzero((np.min(others, axis=0) < coast) & (time > 1))[0]])
 
 
 def show_bridges(profile: pd.DataFrame) -> None:
@@ -518,8 +518,9 @@ def hold(
         record.data(f"scenarios/{name}.yaml")
     for name, of, form in EVIDENCE:
         record.say(name, f"{record.reference('recorded-data', of).value:{form}}")
-    ends = record.reference("recorded-data", "room.lag.position").interval or ()
-    record.say("lag.interval", " to ".join(f"{end:.2f}" for end in ends))
+    for name, of in (("lag", "room.lag.position"), ("learned", "learners.mean.lssvm")):
+        ends = record.reference("recorded-data", of).interval or ()
+        record.say(f"{name}.interval", " to ".join(f"{end:.2f}" for end in ends))
     kinds = ("labyrinth.odometry.error", "labyrinth.network.error")
     wheels, fixes = (record.reference("recorded-data", of).value for of in kinds)
     record.say("wheels", f"{wheels / fixes:.2f}")
@@ -534,6 +535,17 @@ def hold(
     record.note("crossing", crossing, "s", "From where on assuming white errors does harm.")
     coasting = overtaken(tables["profiles inrol/1"])
     record.note("coasting", coasting, "s", "How long coasting is best, room.", basis="recorded")
+    learned = record.reference("recorded-data", "learners.mean.lssvm").interval or (0.0,)
+    record.holds("A learning machine has more error than the filter that coasts.", learned[0] > 1)
+    within = [
+        (record.reference("recorded-data", f"learners.{place}.lssvm").interval or (0.0,))[0] > 1
+        for place in ("room", "second", "walk", "car")
+    ]
+    record.holds("Within a recording that is sure on one of the four.", sum(within) == 1)
+    machine, still, coast = (
+        tables["profiles inrol/1"][column].iloc[-1] for _, column in BRIDGES.values()
+    )
+    record.holds("After that, standing still is better.", still < min(coast, machine))
     highest = tables["inrol/1"]["position_high"]["tightly coupled, coloured ranges"]
     record.holds("In the room ranges do not help, either.", highest > 1)
     lost = many["kalman", 0.0][0] < 0.5 and many["kalman", 5.0][0] > 1

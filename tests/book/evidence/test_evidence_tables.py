@@ -20,6 +20,7 @@ from inswsn_book.evidence.outage_page import (
     with_past,
 )
 from inswsn_book.evidence.outage_tables import rebuild_table1, rebuild_table3, table1_cells
+from inswsn_book.evidence.recorded_tables import mean_ratio
 from inswsn_book.evidence.training_table import rebuild_table2, with_recorded
 
 from inswsn_lib import data_file
@@ -44,6 +45,13 @@ from inswsn_lib.papers import COLUMNS, read_numbers
 from inswsn_lib.scenario import with_values
 
 # P1: the printed gamma, by both inequalities -----------------------------------------------------
+
+
+def test_a_mean_over_recordings_has_student_s_interval_in_logarithms() -> None:
+    """Of -1, 0 and 1 it is 4.303 / sqrt(3) to either side: the quantile for two degrees."""
+    mean, low, high = mean_ratio([np.exp(-1), 1.0, np.exp(1)])
+    assert (mean, low * high) == pytest.approx((1.0, 1.0))
+    assert np.log(high) == pytest.approx(4.303 / np.sqrt(3), rel=1e-3)
 
 
 @pytest.fixture(scope="module")

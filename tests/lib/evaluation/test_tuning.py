@@ -114,7 +114,14 @@ def test_the_most_likely_size_is_between_the_data_and_the_prior() -> None:
 
 def test_in_a_valley_the_prior_decides_and_all_begins_end_there() -> None:
     """The data tell the product alone; each factor takes half of it, in logarithms."""
-    found = most_likely("valley", [1.0, 1.0], lambda x, y: -500 * np.log(x * y / 4) ** 2, begins=4)
+    told = []
+
+    def valley(x: float, y: float) -> float:
+        told.append((x, y))
+        return float(-500 * np.log(x * y / 4) ** 2)
+
+    found = most_likely("valley", [1.0, 1.0], valley, begins=4)
+    assert found.trials == len(told) - 1  # at the begin it was asked once more, before the search
     ends = np.array(found.candidates)
     assert ends == pytest.approx(np.full((4, 2), 2.0), rel=2e-3)
     assert found.settled

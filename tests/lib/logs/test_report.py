@@ -193,8 +193,7 @@ def test_velocities_of_fixes_are_used() -> None:
     assert told.numbers[3] == pytest.approx(0.03, rel=0.3)
     for name in ("position", "velocity"):
         assert told.table.loc["corrected", name] < 0.6 * without.table.loc["corrected", name]
-    # the filter learns tilt and biases, which here are constant: it does better than expected of one
-    # that does not
+    # it learns tilt and biases, here constant: it does better than is expected of one that does not
     for table in (told.table, without.table):
         expected, gained = table.loc["expected"], table.loc["corrected"]
         assert 0.8 < gained["position_ratio"] / expected["position_ratio"] < 1
