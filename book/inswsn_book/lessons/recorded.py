@@ -30,7 +30,7 @@ EVIDENCE = (
         ("kf", "position-least"), ("kf-most", "position-most"),
         ("kfv", "velocity-least"), ("kfv-most", "velocity-most"),
     )),
-    *((n, f"outages.{n}", ".0f") for n in ("ins.least", "ins.most", "p1-ins.least", "p1-ins.most")),
+    *((n, f"outages.{n}", ".0f") for n in ("p1-ins.least", "p1-ins.most")),
     *((n, f"outages.{n}", ".1f") for n in ("restarted.least", "restarted.most")),
     ("learned", "learners.mean.lssvm", ".2f"),
     ("sure", "room.sure-gain", ".0f"),
