@@ -30,6 +30,7 @@ from .hybrid import (
 )
 from .lmi_designs import LMIDesigns as LMIDesigns, gain_and_error as gain_and_error
 from .recorded_study import (
+    LearnerSetting as LearnerSetting,
     RecordedClusters as RecordedClusters,
     RecordedOutages as RecordedOutages,
     RecordedStudy as RecordedStudy,

@@ -226,12 +226,28 @@ def _nearest(fixes: Fixes, times: Array, most: float) -> Array:
     return np.where(there[:, None], fixes.position[row, :2], np.nan)
 
 
-class Setting(NamedTuple):
-    """What a method of P1's form is fed with, over how many of the latest fixes, and by what."""
+class LearnerSetting(NamedTuple):
+    """What a method of P1's form is fed with, over how many of the latest fixes, and by what.
+
+    Attributes
+    ----------
+    inputs : str
+        Of the learner, by the names of `observable_inputs`, or the time.
+    window : int
+        Fixes before the outage by which it is trained.
+    machine : Any
+        The learner with its settings; without one the filter coasts.
+
+    Examples
+    --------
+    >>> from inswsn_lib.navigation import LearnerSetting
+    >>> LearnerSetting("time", 25).window
+    25
+    """
 
     inputs: str
     window: int
-    machine: Any = None  # without one the filter coasts
+    machine: Any = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,16 +295,16 @@ nothing to correct fixes with.
         return found
 
     @cached_property
-    def choices(self) -> dict[str, list[Setting]]:
+    def choices(self) -> dict[str, list[LearnerSetting]]:
         """The settings of each method that are tried."""
-        found = {"KF, coasting": [Setting("", window) for window in self.windows]}
+        found = {"KF, coasting": [LearnerSetting("", window) for window in self.windows]}
         for name, (kind, grid) in _LEARNERS.items():
             machines = [
                 getattr(learning, kind)(**dict(zip(grid, each, strict=True)))
                 for each in product(*grid.values())
             ]
             tried = product(INPUTS, self.windows, machines)
-            found[name] = [Setting(*each) for each in tried]
+            found[name] = [LearnerSetting(*each) for each in tried]
         return found
 
     @cached_property
@@ -299,11 +315,11 @@ nothing to correct fixes with.
         return self.begins(float(ladder.fixes.time[after + max(self.windows)]), ladder.split)
 
     @cached_property
-    def settings(self) -> dict[tuple[str, str], Setting]:
+    def settings(self) -> dict[tuple[str, str], LearnerSetting]:
         """The setting of each method and reading with the least error in these outages."""
         starts = tuple(self.rehearsed.tolist())
 
-        def loss(reading: str, setting: Setting) -> float:
+        def loss(reading: str, setting: LearnerSetting) -> float:
             return float(np.nanmean(np.square(self._bridged(starts, reading, setting))))
 
         return {
@@ -380,7 +396,7 @@ nothing to correct fixes with.
         model = difference_model(ladder.step, *numbers)
         return run_kalman(model, measured, initial_covariance=_UNKNOWN)
 
-    def _bridged(self, starts: tuple[int, ...], reading: str, setting: Setting) -> Array:
+    def _bridged(self, starts: tuple[int, ...], reading: str, setting: LearnerSetting) -> Array:
         """Return the errors in outages by a filter, and a learner if there is one."""
         passage, found = self._passages(starts, setting.window, reading)
         if setting.machine is not None:

@@ -15,7 +15,7 @@ from inswsn_lib.learning import LSSVMRegressor
 from inswsn_lib.logs import Ladder, Outages
 from inswsn_lib.logs.correction import COLOURED, WHITE
 from inswsn_lib.navigation import RecordedClusters, RecordedOutages
-from inswsn_lib.navigation.recorded_study import NEVER, RESTARTED, Setting
+from inswsn_lib.navigation.recorded_study import NEVER, RESTARTED, LearnerSetting
 from inswsn_lib.streams import Fixes, Recording
 
 
@@ -100,12 +100,12 @@ def test_a_perfect_filter_and_a_learner_of_the_right_form_leave_no_error(
     exact = outages.passage(outages.starts, 25).error
     monkeypatch.setattr(RecordedOutages, "_kalman", lambda _, y: np.where(np.isnan(y), 0.0, exact))
     machine = LSSVMRegressor(1.0, 1e10, "polynomial")
-    left = outages._bridged(starts, RESTARTED, Setting("time", 25, machine))
+    left = outages._bridged(starts, RESTARTED, LearnerSetting("time", 25, machine))
     assert np.linalg.norm(exact[-1, :2], axis=0).min() > 50.0
     assert left.max() < 1e-4
     # who has but a line goes straight on from a parabola
     line = outages._bridged(
-        starts, RESTARTED, Setting("time", 25, LSSVMRegressor(1, 1e10, "linear"))
+        starts, RESTARTED, LearnerSetting("time", 25, LSSVMRegressor(1, 1e10, "linear"))
     )
     assert line[:, -1].min() > 5.0
 
