@@ -267,7 +267,7 @@ def show_many(found: Mapping[tuple[str, float], tuple[float, float]]) -> None:
 
 def show_left(seed: int) -> None:
     """Show what a filter leaves of the error of a fix, by formula and simulated."""
-    period, holds, steps = 0.2, 2.0, 20_000
+    period, holds, steps = 0.2, 2.0, 5000
     rng = np.random.default_rng(seed)
     found = {}
     for ratio in RATIOS:
@@ -296,15 +296,17 @@ def show_left(seed: int) -> None:
     shown.number("kalman", "simulated", lambda k: f"{found[k]:.2f}")
     shown.sentence(
         lambda k: (
-            f"If errors last so long that 2τ is {k:g} hold times, a filter leaves {found[k]:.2f} "
-            "of the error of a fix."
+            f"If 2τ is {k:g} times the hold time, a filter leaves {found[k]:.2f} of the error of a "
+            "fix."
         )
     )
     shown.show(
         name="fig-l8-left",
         caption="The formula, and filters in a simulation with five fixes a second.",
         alt="What a filter leaves of the error of a fix, simulated: "
-        + ", ".join(f"{left:.2f} where 2τ is {k:g} hold times" for k, left in found.items())
+        + ", ".join(
+            f"{left:.2f} where 2τ is {k:g} times the hold time" for k, left in found.items()
+        )
         + ".",
     )
 
