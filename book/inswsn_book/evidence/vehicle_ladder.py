@@ -1,0 +1,115 @@
+"""P3's car with one aid after the other: the rungs, and whose share of the gain is what."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from inswsn_book.evidence.outage_cells import WORDS, ByDrive
+from inswsn_book.evidence.vehicle_tables import Ratios, rows_table, written
+from inswsn_lib.checks import Array
+from inswsn_lib.evaluation import Finding, cluster_share
+from inswsn_lib.navigation import RecordedTrials, VehicleOutages, outage_size
+from inswsn_lib.navigation.vehicle_outages import LAG, OUTAGE
+
+#: The rungs from below, by the names that they have in the outages
+LADDER = {
+    "never": "INS alone",
+    "compass": "compass alone",
+    "lateral": "lateral constraint alone",
+    "through": "constraint and compass (P3's aids)",
+    "standstill": "+ zero velocity at standstill",
+    "wheels": "+ wheel speed",
+    "lssvm": "P3's aids + LS-SVM (P3's method)",
+    "rbf": "P3's aids + RBF network",
+    "lagged": f"P3's aids, fixed-lag smoother, {LAG} s late: not causal",
+    "smoothed": "P3's aids, smoother with GPS after the outage: not causal",
+}
+# What is put against what; the first over the second
+_STEPS = (("standstill", "through"), ("wheels", "standstill"), ("lagged", "through"))
+_OVER = (*((name, "never") for name in LADDER if name != "never"), *_STEPS)
+# Parts of a gain: from which rung to which, and of the gain from which to which
+_P3 = "never", "lssvm"
+_SHARES = {
+    "constraint": (("never", "lateral"), _P3, "the lateral constraint"),
+    "compass": (("lateral", "through"), _P3, "the compass on top of the constraint"),
+    "learner": (("through", "lssvm"), _P3, "the LS-SVM"),
+    "constraint-of-aids": (("never", "lateral"), ("never", "through"), "the lateral constraint"),
+}
+
+
+class Climb(NamedTuple):
+    """RMS and largest errors in 40 s by rung, (outages, runs), m, and clusters of the outages.
+
+    A rung that was run with some draws alone has fewer runs, spread evenly over those of others.
+    """
+
+    rms: dict[str, Array]
+    largest: dict[str, Array]
+    clusters: Array
+    where: str
+
+    @classmethod
+    def of(cls, errors: Mapping[str, Array], clusters: Array, where: str) -> Climb:
+        """Return that of errors, (steps, outages, runs), as far as they have the rungs."""
+        there = [name for name in LADDER if name in errors]
+        sizes = {name: outage_size(errors[name][: OUTAGE + 1]) for name in there}
+        rms, largest = ({name: size[i] for name, size in sizes.items()} for i in (0, 1))
+        return cls(rms, largest, np.broadcast_to(clusters, rms["never"].shape), where)
+
+    def factors(self, ratios: Ratios) -> dict[str, Finding]:
+        """Return the factors over the INS alone and between rungs, by clusters."""
+        found = {}
+        for one, other in _OVER:
+            if one in self.rms:
+                every = self.rms[other].shape[1] // self.rms[one].shape[1]
+                below, clusters = (x[:, ::every] for x in (self.rms[other], self.clusters))
+                how = f"RMS error in 40 s {self.where}, {LADDER[one]}, over {LADDER[other]}"
+                found[f"{one}-{other}"] = ratios.factor(self.rms[one], below, clusters, how)
+        return found
+
+    def shares(self) -> dict[str, Finding]:
+        """Return what parts of a gain are of it, by mean logarithms of errors."""
+        found = {}
+        for name, (part, whole, words) in _SHARES.items():
+            logs = [np.log(self.rms[a] / self.rms[b]).ravel() for a, b in (part, whole)]
+            gain = WORDS["lssvm"] if whole == _P3 else WORDS["through"]
+            how = f"The share of {words} in what {gain} takes off the error of {WORDS['never']}"
+            how += f" in 40 s {self.where}: mean logarithms over the outages, interval by clusters."
+            found[name] = Finding(*cluster_share(*logs, self.clusters.ravel()), "1", how)
+        return found
+
+
+def climbs(outages: VehicleOutages, trials: RecordedTrials) -> tuple[Climb, Climb]:
+    """Return the ladder in the simulated outages, and in those of the recorded drive."""
+    blocks = np.arange(len(trials.starts))[:, None] // 2
+    return (
+        Climb.of(outages.errors | outages.ladder, outages.clusters, "in the simulation"),
+        Climb.of(trials.errors | trials.ladder, blocks, "on the recorded drive"),
+    )
+
+
+def seven_gain(climb: Climb, method: str) -> ByDrive:
+    """Return the reduction as P3 counts it: the mean of the percentages but that of place 4."""
+    less = np.delete(100 * (1 - climb.rms[method] / climb.rms["never"]), 3, axis=0)
+    how = f"Reduction of the RMS error by {LADDER[method]} against {LADDER['never']}, mean over the"
+    return ByDrive(less.mean(axis=0), "%", f"{how} seven places other than the fourth.")
+
+
+def ladder_table(climbed: Mapping[str, tuple[Climb, Mapping[str, Finding]]]) -> pd.DataFrame:
+    """Return medians of RMS and largest errors, and factors over the INS alone, by words."""
+    rows, columns = {}, [f"{w}: {what}" for w in climbed for what in ("RMS / largest (m)", "÷ INS")]
+    for name, label in LADDER.items():
+        cells = []
+        for climb, factors in climbed.values():
+            if name not in climb.rms:
+                cells += ["no wheels in the log", "–"]
+                continue
+            middles = (np.median(size[name]) for size in (climb.rms, climb.largest))
+            over = factors.get(f"{name}-never")
+            cells += [" / ".join(f"{x:.1f}" for x in middles), written(over) if over else "–"]
+        rows[label] = tuple(cells)
+    return rows_table(rows, columns, "filter")
