@@ -196,7 +196,8 @@ def run_recorded_outages(
 def _standing(drive: Drive, until: int) -> Array:
     """Return zeros where the first run's IMU has been quiet for two seconds, (epochs, 3, runs)."""
     turns, pushes = (x[0].reshape(-1, 3) / drive.period for x in drive.increments)
-    imu = Imu(drive.period * np.arange(1, len(turns) + 1), turns, pushes)
+    time = drive.period * np.arange(1.0, len(turns) + 1)
+    imu = Imu(np.asarray(time, dtype=float), np.asarray(turns), np.asarray(pushes))
     quiet = np.concatenate([[0], np.cumsum(is_quiet(imu, drive.time[until]))])
     ends = drive.samples_per_epoch * np.arange(len(drive.time))
     count = round(_STANDS / drive.period)

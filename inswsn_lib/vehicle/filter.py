@@ -240,7 +240,7 @@ def smooth_outages(
         filtered = Solution.of(found, time, first, [], first, run=branch)
         told = smooth_with_lag(filtered, lag) if np.isfinite(lag) else smooth(filtered)
         places.append(frame.earth.geodetic(told.position[:steps]))
-    return np.concatenate([begun.position.T[None], np.moveaxis(places, 0, 2)])
+    return np.concatenate([begun.position.T[None], np.stack(places, axis=2)])
 
 
 def _branches(

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike, NDArray
 
 from inswsn_book.evidence.outage_cells import WORDS, ByDrive
 from inswsn_book.evidence.vehicle_tables import Ratios, rows_table, written
@@ -49,16 +50,16 @@ class Climb(NamedTuple):
 
     rms: dict[str, Array]
     largest: dict[str, Array]
-    clusters: Array
+    clusters: NDArray[Any]
     where: str
 
     @classmethod
-    def of(cls, errors: Mapping[str, Array], clusters: Array, where: str) -> Climb:
+    def of(cls, errors: Mapping[str, Array], clusters: ArrayLike, where: str) -> Climb:
         """Return that of errors, (steps, outages, runs), as far as they have the rungs."""
         there = [name for name in LADDER if name in errors]
         sizes = {name: outage_size(errors[name][: OUTAGE + 1]) for name in there}
         rms, largest = ({name: size[i] for name, size in sizes.items()} for i in (0, 1))
-        return cls(rms, largest, np.broadcast_to(clusters, rms["never"].shape), where)
+        return cls(rms, largest, np.broadcast_to(np.asarray(clusters), rms["never"].shape), where)
 
     def factors(self, ratios: Ratios) -> dict[str, Finding]:
         """Return the factors over the INS alone and between rungs, by clusters."""
@@ -75,11 +76,11 @@ class Climb(NamedTuple):
         """Return what parts of a gain are of it, by mean logarithms of errors."""
         found = {}
         for name, (part, whole, words) in _SHARES.items():
-            logs = [np.log(self.rms[a] / self.rms[b]).ravel() for a, b in (part, whole)]
+            taken, gained = (np.log(self.rms[a] / self.rms[b]).ravel() for a, b in (part, whole))
             gain = WORDS["lssvm"] if whole == _P3 else WORDS["through"]
             how = f"The share of {words} in what {gain} takes off the error of {WORDS['never']}"
             how += f" in 40 s {self.where}: mean logarithms over the outages, interval by clusters."
-            found[name] = Finding(*cluster_share(*logs, self.clusters.ravel()), "1", how)
+            found[name] = Finding(*cluster_share(taken, gained, self.clusters.ravel()), "1", how)
         return found
 
 
