@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from inswsn_book.evidence.outage_cells import WORDS, ByDrive
+from inswsn_book.evidence.outage_cells import ByDrive
 from inswsn_book.evidence.vehicle_tables import Ratios, rows_table, written
 from inswsn_lib.checks import Array
 from inswsn_lib.evaluation import Finding, cluster_share
@@ -32,13 +32,13 @@ LADDER = {
 # What is put against what; the first over the second
 _STEPS = (("standstill", "through"), ("wheels", "standstill"), ("lagged", "through"))
 _OVER = (*((name, "never") for name in LADDER if name != "never"), *_STEPS)
-# Parts of a gain: from which rung to which, and of the gain from which to which
-_P3 = "never", "lssvm"
+# Parts of a gain over the INS alone: from which rung to which, and up to which the gain goes
 _SHARES = {
-    "constraint": (("never", "lateral"), _P3, "the lateral constraint"),
-    "compass": (("lateral", "through"), _P3, "the compass on top of the constraint"),
-    "learner": (("through", "lssvm"), _P3, "the LS-SVM"),
-    "constraint-of-aids": (("never", "lateral"), ("never", "through"), "the lateral constraint"),
+    "constraint": ("never", "lateral", "lssvm"),
+    "compass": ("lateral", "through", "lssvm"),
+    "learner": ("through", "lssvm", "lssvm"),
+    "constraint-of-aids": ("never", "lateral", "through"),
+    "constraint-metres": ("never", "lateral", "lssvm"),
 }
 
 
@@ -73,14 +73,19 @@ class Climb(NamedTuple):
         return found
 
     def shares(self) -> dict[str, Finding]:
-        """Return what parts of a gain are of it, by mean logarithms of errors."""
+        """Return what parts of a gain are of it, by mean logarithms of errors or in metres."""
         found = {}
-        for name, (part, whole, words) in _SHARES.items():
-            taken, gained = (np.log(self.rms[a] / self.rms[b]).ravel() for a, b in (part, whole))
-            gain = WORDS["lssvm"] if whole == _P3 else WORDS["through"]
-            how = f"The share of {words} in what {gain} takes off the error of {WORDS['never']}"
-            how += f" in 40 s {self.where}: mean logarithms over the outages, interval by clusters."
-            found[name] = Finding(*cluster_share(taken, gained, self.clusters.ravel()), "1", how)
+        for name, (first, last, top) in _SHARES.items():
+            metres = name.endswith("metres")
+            size = {rung: x if metres else np.log(x) for rung, x in self.rms.items()}
+            part, gain = (size[a] - size[b] for a, b in ((first, last), ("never", top)))
+            how = (
+                f"RMS error in 40 s {self.where}: the step from {LADDER[first]} to {LADDER[last]} "
+                f"as a share of that from {LADDER['never']} to {LADDER[top]}; means of "
+                f"{'errors' if metres else 'logarithms'} over the outages, interval by clusters."
+            )
+            share = cluster_share(part.ravel(), gain.ravel(), self.clusters.ravel())
+            found[name] = Finding(*share, "1", how)
         return found
 
 

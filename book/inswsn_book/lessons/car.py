@@ -617,7 +617,11 @@ def hold(
         "recorded.factor.through-never", "recorded.factor.lssvm", "lasting.0.state",
     ):  # fmt: skip
         record.say(name, f"{record.reference('p3-vehicle', name).value:.2f}")
-    record.say("proven", f"{100 * record.reference('p3-vehicle', 'proven.none').value:.0f}")
+    for said_as, name in (
+        ("proven", "proven.none"), ("constraint", "ladder.share.constraint-of-aids"),
+        ("recorded.constraint", "recorded.ladder.share.constraint-of-aids"),
+    ):  # fmt: skip
+        record.say(said_as, f"{100 * record.reference('p3-vehicle', name).value:.0f}")
     for name in ("never", "through", "lssvm"):
         for label, error in largest(name).items():
             record.note(f"{name}.{label[0]}", error, "m", f"Largest error, outage {label}.")
