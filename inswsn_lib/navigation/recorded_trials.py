@@ -50,8 +50,8 @@ class RecordedTrials:
     mounting : ndarray, (2, outages, runs)
         Yaw and pitch of the car's forward axis in the IMU's axes, as estimated before each outage
         (rad): to the right, and up.
-    ladder : dict of str to ndarray, (41, outages, runs)
-        As `errors`, in outages of 40 s, by `run_ladder`: there are no wheels.
+    ladder : dict of str to ndarray, (steps + 1, outages, runs)
+        As `errors`, in outages of 40 s at most, by `run_ladder`: there are no wheels.
     """
 
     starts: NDArray[np.intp]
@@ -175,7 +175,7 @@ def run_recorded_outages(
         drive = emulate_sensors(recording, runs=runs, seed=seed, mounting=rotation)
         trials.append(run_outages(drive, settings, [start], steps, hybrids(settings)))
         seen = replace(drive, body_velocity=standing)
-        ladders.append(run_ladder(seen, settings, [start], OUTAGE))
+        ladders.append(run_ladder(seen, settings, [start], min(steps, OUTAGE)))
     methods = list(trials[0].errors)
     return RecordedTrials(
         starts=begin,

@@ -305,7 +305,7 @@ def run_ladder(
         Horizontal distance from the reference (m), by the name in `RUNGS`, as far as the drive has
         the aids. ``lagged`` and ``smoothed`` have compass and constraint, in the first run of the
         drive alone: the smoother with a lag of `LAG` s, and the one that knows `AFTER` s of GPS
-        after the outage. They are not causal.
+        after the outage, if the drive is that long. They are not causal.
 
     Examples
     --------
@@ -333,8 +333,10 @@ def run_ladder(
     first = replace(drive, body_velocity=None, **one)
     run = run_vehicle_filter(first, settings, last=int(begin.max()))
     branch = replay(first, settings, run, begin, steps, aiding=True)
+    left = len(drive.time) - 1 - steps - int(begin.max())
     for name, after, lag in (("lagged", LAG, float(LAG)), ("smoothed", AFTER, np.inf)):
-        places = smooth_outages(first, settings, run, begin, steps, after=after, lag=lag)
+        late = min(after, left)
+        places = smooth_outages(first, settings, run, begin, steps, after=late, lag=lag)
         found[name] = horizontal_error(branch, first, places)
     return {name: x.reshape(steps + 1, len(begin), -1) for name, x in found.items()}
 
