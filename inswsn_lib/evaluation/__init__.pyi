@@ -1,4 +1,8 @@
-from .clusters import cluster_mean as cluster_mean, cluster_median as cluster_median
+from .clusters import (
+    cluster_mean as cluster_mean,
+    cluster_median as cluster_median,
+    cluster_share as cluster_share,
+)
 from .consistency import (
     FALSE_ALARM as FALSE_ALARM,
     NoiseFit as NoiseFit,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq
 from scipy.stats import norm, t
 
 from inswsn_lib.checks import Array, array, number, whole
@@ -11,6 +12,7 @@ from inswsn_lib.errors import Described, ParameterError
 
 _FEWEST = 5
 _ENDS = (0.025, 0.975)
+_FARTHEST = 100.0  # times a share, where its ends are looked for
 _MOST_SKEW = 1.5  # what is found beyond it rests on a single value
 
 
@@ -65,6 +67,44 @@ def cluster_mean(
     ends = t.ppf([(1 + level) / 2, (1 - level) / 2], G - 1)
     low, high = (mean - deviation * _bent(end, skewness, G) for end in ends)
     return mean, min(low, mean), max(high, mean)
+
+
+def cluster_share(
+    part: ArrayLike, whole: ArrayLike, clusters: ArrayLike
+) -> tuple[float, float, float]:
+    r"""Return the mean of one over the mean of another, with a 95 % interval (Fieller 1954).
+
+    A share q lies in the interval if that of the mean of :math:`a - q\,b` by `cluster_mean` holds
+    zero. Where the mean of the whole cannot be told from zero, an end is infinite.
+
+    Parameters
+    ----------
+    part, whole, clusters : array_like, (n,)
+        The values a and b of one and the same things, and their clusters as in `cluster_mean`.
+
+    Returns
+    -------
+    share, low, high : float
+
+    Examples
+    --------
+    >>> from inswsn_lib.evaluation import cluster_share
+    >>> print([f"{x:.2f}" for x in cluster_share([2, 3, 3, 4, 6], [4, 5, 6, 7, 9], range(5))])
+    ['0.58', '0.49', '0.67']
+    """
+    a, b = array("part", part, ("n",)), array("whole", whole, ("n",))
+    share, sign = float(a.mean() / b.mean()), np.sign(b.mean())
+
+    def end(side: int, way: float) -> float:
+        def beyond(q: float) -> float:
+            return cluster_mean(sign * (a - q * b), clusters)[side]
+
+        far = share + way * _FARTHEST * max(abs(share), 1.0)
+        if beyond(share) * beyond(far) > 0:
+            return way * np.inf
+        return float(brentq(beyond, share, far))
+
+    return share, end(1, -1.0), end(2, 1.0)
 
 
 def _bent(quantile: float, skewness: float, n: int) -> float:

@@ -110,21 +110,22 @@ class Solution:
 
     @classmethod
     def of(
-        cls, found: Outcome, time: Array, start: Start, innovations: list[Innovations], end: Start
-    ) -> Solution:
-        """Return that of the first run of an outcome that kept what a smoother needs.
+        cls, found: Outcome, time: Array, start: Start, innovations: list[Innovations], end: Start,
+        run: int = 0,
+    ) -> Solution:  # fmt: skip
+        """Return that of a run of an outcome that kept what a smoother needs.
 
         :meta private:
         """
         states, before = (
-            _States(type(start.state).of_row, x[:, 0]) for x in (found.states, found.before)
+            _States(type(start.state).of_row, x[:, run]) for x in (found.states, found.before)
         )
         filtered, priors, transitions = (
-            x[:, 0] for x in (found.filtered, found.priors, found.transitions)
+            x[:, run] for x in (found.filtered, found.priors, found.transitions)
         )
         return cls(
             time, states, filtered, before, priors, transitions, innovations,
-            float(found.likelihoods[0]), start, end,
+            float(found.likelihoods[run]), start, end,
         )  # fmt: skip
 
     @property

@@ -592,7 +592,7 @@ def standstill_times(imu: Imu, fixes: Fixes, deviation: float, until: float) -> 
     what was before it alone, but for the level of the quietest windows, which is that of the
     recording's first part, until a time (s). The deviation is that of fixes, m.
     """
-    quiet = _is_quiet(imu, until)
+    quiet = is_quiet(imu, until)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], quiet, [False]]).astype(int)))
     there = np.isfinite(fixes.position[:, :2]).all(axis=1)
     time, place = fixes.time[there], fixes.position[there, :2]
@@ -609,7 +609,7 @@ def standstill_times(imu: Imu, fixes: Fixes, deviation: float, until: float) -> 
     return np.array(found)
 
 
-def _is_quiet(imu: Imu, until: float) -> Mask:
+def is_quiet(imu: Imu, until: float) -> Mask:
     """Tell of each sample whether the window that ends with it is quiet."""
     rows = max(round(_WINDOW / float(np.median(np.diff(imu.time)))), 2)
     quiet, contrast = np.ones(len(imu), dtype=bool), 0.0

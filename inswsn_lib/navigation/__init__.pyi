@@ -60,9 +60,13 @@ from .vehicle_hybrid import (
 )
 from .vehicle_outages import (
     FILTERS as FILTERS,
+    RUNGS as RUNGS,
     OutageTrials as OutageTrials,
     VehicleOutages as VehicleOutages,
     outage_size as outage_size,
     p3_hybrids as p3_hybrids,
+    run_ladder as run_ladder,
     run_outages as run_outages,
+    with_aids as with_aids,
+    with_wheels as with_wheels,
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +15,11 @@ from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import WRITTEN, read_text
 from inswsn_lib.inertial import metres
+from inswsn_lib.logs.correction import is_quiet
 from inswsn_lib.navigation.vehicle_hybrid import VehicleHybrid
-from inswsn_lib.navigation.vehicle_outages import as_starts, run_outages
-from inswsn_lib.streams import Recording
+from inswsn_lib.navigation.vehicle_outages import OUTAGE, as_starts, run_ladder, run_outages
+from inswsn_lib.simulation import Drive
+from inswsn_lib.streams import Imu, Recording
 from inswsn_lib.vehicle import (
     FilterSettings,
     emulate_sensors,
@@ -25,7 +27,8 @@ from inswsn_lib.vehicle import (
     run_vehicle_filter,
 )
 
-_FORM = 1
+_FORM = 2
+_STANDS = 2  # s, for which an IMU is quiet before it is believed
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +50,8 @@ class RecordedTrials:
     mounting : ndarray, (2, outages, runs)
         Yaw and pitch of the car's forward axis in the IMU's axes, as estimated before each outage
         (rad): to the right, and up.
+    ladder : dict of str to ndarray, (steps + 1, outages, runs)
+        As `errors`, in outages of 40 s at most, by `run_ladder`: there are no wheels.
     """
 
     starts: NDArray[np.intp]
@@ -55,6 +60,7 @@ class RecordedTrials:
     reference: Array
     speed: Array
     mounting: Array
+    ladder: dict[str, Array]
 
     def to_json(self, **facts: Any) -> str:
         """Return the trials as JSON, to millimetres, with facts about where they come from."""
@@ -85,7 +91,7 @@ def read_trials(path: Path) -> tuple[RecordedTrials, dict[str, Any]]:
         content = json.loads(read_text(path, WRITTEN))
         if content["form"] != _FORM:
             raise ValueError(content["form"])
-        for name in ("errors", "tracks"):
+        for name in ("errors", "tracks", "ladder"):
             content[name] = {m: np.array(x, dtype=float) for m, x in content[name].items()}
         for name in ("reference", "speed", "mounting"):
             content[name] = np.array(content[name], dtype=float)
@@ -118,7 +124,8 @@ def run_recorded_outages(
 
     The IMU's mounting is estimated anew for each outage, from data before it alone: a filter with
     GPS and without compass and lateral constraint runs over the drive, and the direction of motion
-    in the IMU's axes up to the outage tells (`estimate_mounting`).
+    in the IMU's axes up to the outage tells (`estimate_mounting`). That the car stands is told by
+    an IMU as quiet as in the quietest seconds before the first outage.
 
     Parameters
     ----------
@@ -159,13 +166,16 @@ def run_recorded_outages(
     position, velocity = raw.reference.position, raw.reference.velocity
     free = run_vehicle_filter(raw, settings, aiding=False, last=int(begin.max()))
     origin, size = position[0], metres(position[0])
-    trials, mountings = [], []
+    trials, ladders, mountings = [], [], []
+    standing = _standing(raw, int(begin.min()))
     for start in begin:
         rotation = estimate_mounting(free, int(start))
         forward, right, down = np.moveaxis(rotation[:, 0], 1, 0)
         mountings.append([np.arctan2(right, forward), np.arctan2(-down, np.hypot(forward, right))])
         drive = emulate_sensors(recording, runs=runs, seed=seed, mounting=rotation)
         trials.append(run_outages(drive, settings, [start], steps, hybrids(settings)))
+        seen = replace(drive, body_velocity=standing)
+        ladders.append(run_ladder(seen, settings, [start], min(steps, OUTAGE)))
     methods = list(trials[0].errors)
     return RecordedTrials(
         starts=begin,
@@ -179,4 +189,17 @@ def run_recorded_outages(
         reference=((position - origin) * size)[:, [1, 0]],
         speed=np.hypot(velocity[:, 0], velocity[:, 1]),
         mounting=np.stack(mountings, axis=1),
+        ladder={m: np.concatenate([x[m] for x in ladders], axis=1) for m in ladders[0]},
     )
+
+
+def _standing(drive: Drive, until: int) -> Array:
+    """Return zeros where the first run's IMU has been quiet for two seconds, (epochs, 3, runs)."""
+    turns, pushes = (x[0].reshape(-1, 3) / drive.period for x in drive.increments)
+    time = drive.period * np.arange(1.0, len(turns) + 1)
+    imu = Imu(np.asarray(time, dtype=float), np.asarray(turns), np.asarray(pushes))
+    quiet = np.concatenate([[0], np.cumsum(is_quiet(imu, drive.time[until]))])
+    ends = drive.samples_per_epoch * np.arange(len(drive.time))
+    count = round(_STANDS / drive.period)
+    standing = quiet[ends] - quiet[np.maximum(ends - count, 0)] == count
+    return np.where(standing[:, None, None], 0.0, np.full((1, 3, drive.runs), np.nan))

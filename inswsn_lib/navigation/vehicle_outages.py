@@ -30,6 +30,7 @@ from inswsn_lib.vehicle import (
     horizontal_error,
     replay,
     run_vehicle_filter,
+    smooth_outages,
 )
 
 #: The three filters without learning: no compass and lateral constraint at any time; both until the
@@ -54,6 +55,21 @@ METHODS = {
     "proven": "LS-SVM that has to prove itself",
     "on never": "LS-SVM on never aided",
 }
+#: Filters with one aid after the other, and one with the compass alone, as `with_aids` has them
+RUNGS: dict[str, tuple[str, ...]] = {
+    "compass": ("compass",),
+    "lateral": ("constraint",),
+    "standstill": ("constraint", "compass", "standstill"),
+    "wheels": ("constraint", "compass", "standstill", "wheels"),
+}
+#: How late the answers of a fixed-lag smoother are, and for how long after an outage one that waits
+#: for its end has GPS, s
+LAG, AFTER = 10, 20
+#: Of simulated wheels: white noise, m/s, and the standard deviation of an error of their scale
+WHEEL_NOISE, WHEEL_SCALE = 0.05, 0.005
+_STILL = 1e-3  # m/s
+# What a drive has of each run
+_BY_RUN = "rotation_increments", "velocity_increments", "gps_position", "gps_velocity", "compass"
 # Other lengths of the simulated outages in which P3's two learners learn, s
 _RAMPS = {"short": 10, "half": 20}
 # First and last second of what is measured
@@ -225,6 +241,106 @@ def run_outages(
     )
 
 
+def with_aids(
+    drive: Drive, settings: FilterSettings, aids: Collection[str]
+) -> tuple[Drive, FilterSettings]:
+    """Return drive and settings of a filter that has some aids of the drive, and no others.
+
+    Parameters
+    ----------
+    drive, settings
+        The first compass measurement stays: every run begins from it.
+    aids : collection of str
+        Any of ``compass``, ``constraint``, ``standstill`` and ``wheels``.
+
+    Examples
+    --------
+    >>> import inswsn_lib as iw
+    >>> p3 = iw.with_values(iw.load_scenario(iw.data_file("scenarios/p3.yaml")), imu_period=0.1)
+    >>> drive, told = iw.simulate_drive(p3, runs=4, seed=0), iw.FilterSettings.from_settings(p3)
+    >>> deaf, _ = iw.navigation.with_aids(drive, told, ["constraint"])
+    >>> deaf.compass[:2, 0].round(2)
+    array([0.86,  nan])
+    """
+    changes: dict[str, Any] = {}
+    if "compass" not in aids:
+        deaf = np.full_like(drive.compass, np.nan)
+        deaf[0] = drive.compass[0]
+        changes["compass"] = deaf
+    more = drive.body_velocity
+    if more is not None and "wheels" not in aids:
+        standing = np.isfinite(more).all(axis=1, keepdims=True)
+        changes["body_velocity"] = (
+            np.where(standing, more, np.nan) if "standstill" in aids else None
+        )
+    # a deviation of 10^6 m/s says nothing
+    told = settings if "constraint" in aids else replace(settings, lateral=1e6)
+    return replace(drive, **changes), told
+
+
+def with_wheels(drive: Drive, *, seed: int) -> Drive:
+    """Return a simulated drive with wheels, and with knowledge of when it stands.
+
+    Wheels tell the speed with white noise and an error of their scale that stays through a run,
+    `WHEEL_NOISE` and `WHEEL_SCALE`. Where the car stands, its velocity is told to be zero, forward,
+    right and down: the simulated IMU does not shake on the road, so that it could not tell.
+    """
+    rng = np.random.default_rng([seed, 1])
+    speed = np.linalg.norm(drive.reference.velocity, axis=1)[:, None]
+    scale = 1 + WHEEL_SCALE * rng.standard_normal(drive.runs)
+    told = np.full((len(speed), 3, drive.runs), np.nan)
+    told[:, 0] = scale * speed + WHEEL_NOISE * rng.standard_normal((len(speed), drive.runs))
+    told[speed[:, 0] < _STILL] = 0.0
+    return replace(drive, body_velocity=told)
+
+
+def run_ladder(
+    drive: Drive, settings: FilterSettings, starts: ArrayLike, steps: int
+) -> dict[str, Array]:
+    """Take GPS away as `run_outages` does, with one aid after the other, and with smoothers.
+
+    Returns
+    -------
+    dict of str to ndarray, (steps + 1, outages, runs)
+        Horizontal distance from the reference (m), by the name in `RUNGS`, as far as the drive has
+        the aids. ``lagged`` and ``smoothed`` have compass and constraint, in the first run of the
+        drive alone: the smoother with a lag of `LAG` s, and the one that knows `AFTER` s of GPS
+        after the outage, if the drive is that long. They are not causal.
+
+    Examples
+    --------
+    >>> import inswsn_lib as iw
+    >>> p3 = iw.with_values(iw.load_scenario(iw.data_file("scenarios/p3.yaml")), imu_period=0.1)
+    >>> drive, told = iw.simulate_drive(p3, runs=4, seed=0), iw.FilterSettings.from_settings(p3)
+    >>> errors = iw.navigation.run_ladder(drive, told, [drive.places[0].start], 40)
+    >>> {name: round(float((x**2).mean() ** 0.5)) for name, x in errors.items()}
+    {'compass': 27, 'lateral': 4, 'lagged': 3, 'smoothed': 1}
+    """
+    begin, more = as_starts(starts), drive.body_velocity
+    there = {"constraint", "compass"}
+    if more is not None:
+        there |= {"standstill"}
+        # where it stands all three are told
+        there |= {"wheels"} if (np.isfinite(more[:, 0]) & np.isnan(more[:, 1])).any() else set()
+    found = {}
+    for name, aids in RUNGS.items():
+        if there.issuperset(aids):
+            heard, told = with_aids(drive, settings, aids)
+            run = run_vehicle_filter(heard, told, last=int(begin.max()))
+            branch = replay(heard, told, run, begin, steps, aiding=True)
+            found[name] = horizontal_error(branch, drive)
+    one = {name: getattr(drive, name)[..., :1] for name in _BY_RUN}
+    first = replace(drive, body_velocity=None, **one)
+    run = run_vehicle_filter(first, settings, last=int(begin.max()))
+    branch = replay(first, settings, run, begin, steps, aiding=True)
+    left = len(drive.time) - 1 - steps - int(begin.max())
+    for name, after, lag in (("lagged", LAG, float(LAG)), ("smoothed", AFTER, np.inf)):
+        late = min(after, left)
+        places = smooth_outages(first, settings, run, begin, steps, after=late, lag=lag)
+        found[name] = horizontal_error(branch, first, places)
+    return {name: x.reshape(steps + 1, len(begin), -1) for name, x in found.items()}
+
+
 def _lean(run: VehicleRun) -> VehicleRun:
     """Return a run without its covariances: they read NaN, and take no memory."""
     own, others = run.states.covariance, run.innovation_covariances
@@ -394,6 +510,18 @@ class VehicleOutages:
     def errors_of(self, methods: Collection[str]) -> dict[str, Array]:
         """Return what `errors` has of some methods, which alone are computed."""
         return _joined(self._run(methods), methods)
+
+    @cached_property
+    def ladder(self) -> dict[str, Array]:
+        """Errors of `run_ladder` in outages of 40 s, (41 epochs, 8 places, drives), m.
+
+        Of the two smoothers the first draw of each route alone.
+        """
+        found = [
+            run_ladder(with_wheels(drive, seed=self.seed + r), self.beliefs, starts, OUTAGE)
+            for r, (drive, starts) in enumerate(zip(self.drives, self.starts, strict=True))
+        ]
+        return {name: np.concatenate([each[name] for each in found], axis=2) for name in found[0]}
 
     @cached_property
     def sizes(self) -> dict[tuple[str, str], tuple[Array, Array]]:

@@ -67,6 +67,8 @@ class Drive:
     places : tuple of Place
     origin : {"simulated", "recorded"}
         In a recorded drive the IMU is recorded, GPS and compass are emulated from the reference.
+    body_velocity : ndarray, (epochs, 3, runs), optional
+        Forward, right and down (m/s), what wheels or a standstill tell of it; NaN where nothing.
 
     Raises
     ------
@@ -93,6 +95,7 @@ class Drive:
     reference: DriveReference
     places: tuple[Place, ...]
     origin: Literal["simulated", "recorded"]
+    body_velocity: Array | None = None
 
     def __post_init__(self) -> None:
         epochs, runs = len(self.time), self.compass.shape[-1]
@@ -107,10 +110,11 @@ class Drive:
         imu, gps = (samples, 3, runs), (epochs, 3, runs)
         for name, shape in (
             ("rotation_increments", imu), ("velocity_increments", imu), ("gps_position", gps),
-            ("gps_velocity", gps), ("compass", (epochs, runs)),
+            ("gps_velocity", gps), ("compass", (epochs, runs)), ("body_velocity", gps),
         ):  # fmt: skip
-            found = array(name, getattr(self, name), shape, gaps=shape is not imu)
-            object.__setattr__(self, name, found)
+            if getattr(self, name) is not None:
+                found = array(name, getattr(self, name), shape, gaps=shape is not imu)
+                object.__setattr__(self, name, found)
         for place in self.places:
             if not 0 <= place.start < epochs:
                 raise ParameterError("places", place, f"such that each starts at 0 to {epochs - 1}")

@@ -6,6 +6,7 @@ from .filter import (
     position_error as position_error,
     replay as replay,
     run_vehicle_filter as run_vehicle_filter,
+    smooth_outages as smooth_outages,
 )
 from .recorded import (
     calibrate_inertial_noise as calibrate_inertial_noise,

@@ -12,7 +12,9 @@ from scipy.spatial.transform import Rotation
 from inswsn_lib.checks import Array, Mask, whole
 from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.inertial.earth import TURN, metres
-from inswsn_lib.inertial.runs import AFTER, BESIDE, run_table
+from inswsn_lib.inertial.error_state import Solution, Start
+from inswsn_lib.inertial.runs import AFTER, AT_ONCE, BESIDE, run_table
+from inswsn_lib.inertial.smoothing import smooth, smooth_with_lag
 from inswsn_lib.inertial.strapdown import InertialState
 from inswsn_lib.simulation.drive import Drive
 from inswsn_lib.vehicle.frame import SENSORS, DriveFrame
@@ -176,9 +178,78 @@ def replay(
     >>> iw.vehicle.replay(drive, told, run, [20, 25], 10, aiding=True).epochs[[0, -1]].tolist()
     [[20, 25], [30, 35]]
     """
+    state, which, begin = _branches(drive, run, starts, whole("steps", steps))
+    heard, sensed = np.full(steps + 1, gps), np.full(steps + 1, aiding)
+    return _advance(drive, settings, state, which, begin, heard, sensed, feedback)
+
+
+def smooth_outages(
+    drive: Drive,
+    settings: FilterSettings,
+    run: VehicleRun,
+    starts: ArrayLike,
+    steps: int,
+    *,
+    after: int,
+    lag: float = np.inf,
+) -> Array:
+    """Return positions in outages by what came after them too, (steps + 1, 3, branches x runs).
+
+    Latitude, longitude (rad) and height (m); step 0 is that of the filter. Not causal: a smoother
+    (`inswsn_lib.inertial.smooth`) with compass and lateral velocity throughout, and with GPS after
+    the outage. The filter that it is of corrects its INS after each measurement, that of `replay`
+    after each epoch, which differs in second order.
+
+    Parameters
+    ----------
+    drive, settings, run, starts, steps
+        As in `replay`; the run in closed loop.
+    after : int
+        Epochs with GPS after the outage that are used.
+    lag : float
+        How late an answer may be (s): measurements that far ahead of each epoch are used. Default:
+        all.
+
+    Examples
+    --------
+    Forty seconds without GPS, bridged when they are over:
+
+    >>> import inswsn_lib as iw
+    >>> p3 = iw.with_values(iw.load_scenario(iw.data_file("scenarios/p3.yaml")), imu_period=0.1)
+    >>> drive, told = iw.simulate_drive(p3, runs=2, seed=0), iw.FilterSettings.from_settings(p3)
+    >>> run = iw.run_vehicle_filter(drive, told, last=120)
+    >>> branch = iw.vehicle.replay(drive, told, run, [113], 40, aiding=True)
+    >>> found = iw.vehicle.smooth_outages(drive, told, run, [113], 40, after=20)
+    >>> late = iw.horizontal_error(branch, drive, found)
+    >>> bool(late.mean() < iw.horizontal_error(branch, drive).mean())
+    True
+    """
+    end = whole("steps", steps, 1) + whole("after", after)
+    state, which, begin = _branches(drive, run, starts, end)
+    begun, frame = state.corrected(), DriveFrame(drive, settings)
+    epochs = begin[:, None] + np.arange(1, end + 1)
+    table = frame.table(epochs, which, np.arange(end) >= steps, np.ones(end, dtype=bool))
+    start = frame.from_vehicle(begun, feedback=True)
+    found = run_table(
+        InertialState, frame.steps(epochs, which), start, frame.own(end), SENSORS, table,
+        mode=AT_ONCE, kept=2,
+    )  # fmt: skip
+    time, places = drive.interval * np.arange(1.0, end + 1), []
+    for branch, (row, covariance) in enumerate(zip(*start[:2], strict=True)):
+        first = Start(0.0, InertialState.of_row(row), covariance)
+        filtered = Solution.of(found, time, first, [], first, run=branch)
+        told = smooth_with_lag(filtered, lag) if np.isfinite(lag) else smooth(filtered)
+        places.append(frame.earth.geodetic(told.position[:steps]))
+    return np.concatenate([begun.position.T[None], np.stack(places, axis=2)])
+
+
+def _branches(
+    drive: Drive, run: VehicleRun, starts: ArrayLike, steps: int
+) -> tuple[VehicleState, Integers, Integers]:
+    """Return the states from which branches of so many epochs begin, their runs and epochs."""
     if run.epochs[0].any():
         raise ParameterError("run", Described("a replay"), "a run from epoch 0")
-    runs, steps = len(run.which), whole("steps", steps)
+    runs = len(run.which)
     begin = np.asarray(starts)
     shaped = begin.ndim in (1, 2) and begin.size and begin.shape[1:] in ((), (1,), (runs,))
     last = min(len(run.epochs), len(drive.time) - steps) - 1
@@ -190,9 +261,7 @@ def replay(
     begin = np.broadcast_to(begin.reshape(len(begin), -1), (len(begin), runs))
     numbers = np.broadcast_to(np.arange(runs), begin.shape).ravel()
     begin = begin.ravel()
-    heard, sensed = np.full(steps + 1, gps), np.full(steps + 1, aiding)
-    state = run.states[begin, numbers]
-    return _advance(drive, settings, state, run.which[numbers], begin, heard, sensed, feedback)
+    return run.states[begin, numbers], run.which[numbers], begin
 
 
 def align(drive: Drive, settings: FilterSettings) -> VehicleState:

@@ -38,9 +38,10 @@ from inswsn_lib.vehicle.state import ATTITUDE, POSITION, STATES, VELOCITY, Vehic
 Integers = NDArray[np.intp]
 
 SENSORS = (sensors.heading, sensors.body_velocity, sensors.position, sensors.velocity)
-# The sensors of compass, lateral velocity, position and velocity of GPS, and their two groups
-_KINDS = np.array([0, 1, 2, 2, 2, 3, 3, 3], dtype=np.int64)
-_FIRST, _SECOND = slice(0, 2), slice(2, 8)
+# The sensors of compass, lateral velocity, position and velocity of GPS
+_KINDS = [0, 1, 2, 2, 2, 3, 3, 3]
+# P3's two groups; what else tells the velocity of the body stands between them
+_FIRST, _SECOND = slice(0, 2), slice(-6, None)
 _NORTH_EAST_UP = [1, 0, 2]
 
 
@@ -59,6 +60,7 @@ class DriveFrame:
             raise ParameterError("gps_time", settings.gps_time, f"at least {drive.interval}")
         self.drive, self.settings = drive, settings
         self.earth = Earth(*map(float, drive.reference.position[0]))
+        self._more = 0 if drive.body_velocity is None else 3
         # headings of the filter are counted to the left, P3's to the right
         self._signs = np.ones(settings.states - STATES)
         for name in {"compass", "mounting"} & set(settings.extra):
@@ -87,35 +89,39 @@ class DriveFrame:
         return np.tile(factors, (count, 1)), np.tile(gained, (count, 1))
 
     def table(self, epochs: Integers, which: Integers, heard: Mask, sensed: Mask) -> Table:
-        """Return the measurements of some epochs: two for each, of two and of six components."""
+        """Return the measurements of some epochs: two for each, without GPS and of GPS."""
         runs, count = epochs.shape
         told, n = self._told[epochs, which[:, None]], self.settings.states - STATES
-        told[:, ~sensed, _FIRST] = np.nan
+        told[:, ~sensed, :-6] = np.nan
         told[:, ~heard, _SECOND] = np.nan
         own = [i if i < 0 else i - STATES for i in self.settings.columns]
-        data = np.full((8, 9), -1.0)
+        rows, aids = 8 + self._more, 2 + self._more
+        data = np.full((rows, 9), -1.0)
         data[0] = [1.0, 0.0, 0.0, *self.earth.numbers, *own[:2]]
         data[1, :7] = [0.0, -1.0, 0.0, 1.0, 0.0, 0.0, own[1]]
-        data[2:5, :3] = np.eye(3)
-        data[5:] = np.eye(3, 9)
+        data[2:aids, :3], data[2:aids, 6] = np.eye(3)[: self._more], -1.0
+        data[-6:-3, :3] = np.eye(3)
+        data[-3:] = np.eye(3, 9)
         if own[2] >= 0:
-            data[2:4, 3] = own[2], own[2] + 1
-        noise, each = np.zeros((8, 3)), self.settings
+            data[-6:-4, 3] = own[2], own[2] + 1
+        noise, each = np.zeros((rows, 3)), self.settings
         noise[:2, 0] = each.compass**2, each.lateral**2
-        noise[2:5, 0], noise[5:, 0] = each.gps_position**2, each.gps_velocity**2
+        noise[2:aids, 0] = each.body_velocity**2
+        noise[-6:-3, 0], noise[-3:, 0] = each.gps_position**2, each.gps_velocity**2
         noise[:, 1] = np.inf
         noise[0, 1:] = each.gate**2, 2 * np.pi
-        begins = 8 * np.repeat(np.arange(count), 2) + np.tile([0, 2], count)
+        begins = rows * np.repeat(np.arange(count), 2) + np.tile([0, aids], count)
+        kinds = np.array([*_KINDS[:2], *[1] * self._more, *_KINDS[2:]], dtype=np.int64)
         return Table(
-            2 * np.arange(count + 1), begins, begins + np.tile([2, 6], count),
-            np.tile(_KINDS, count), np.tile(data, (count, 1)), np.zeros((8 * count, 3)),
-            np.tile(noise, (count, 1)), np.tile([0.0, n], (8 * count, 1)),
-            told.reshape(runs, 8 * count),
+            2 * np.arange(count + 1), begins, begins + np.tile([aids, 6], count),
+            np.tile(kinds, count), np.tile(data, (count, 1)), np.zeros((rows * count, 3)),
+            np.tile(noise, (count, 1)), np.tile([0.0, n], (rows * count, 1)),
+            told.reshape(runs, rows * count),
         )  # fmt: skip
 
     @cached_property
     def _told(self) -> Array:
-        """What was measured, (epochs, runs, 8), in the frame; NaN where missing.
+        """What was measured, (epochs, runs, 8 or 11), in the frame; NaN where missing.
 
         Where a part is missing, the last one before it serves to turn the others into the frame.
         """
@@ -127,10 +133,10 @@ class DriveFrame:
             gps = np.nan_to_num(np.take_along_axis(gps, last, axis=0))
         place = self.earth.local(gps[..., :3])
         axes = self.earth.ground(place).axes
-        told = np.concatenate(
-            [np.stack([np.pi / 2 - heading, np.zeros_like(heading)], -1), place,
-             (axes @ gps[..., 3:, None])[..., 0]], axis=-1,
-        )  # fmt: skip
+        more = self.drive.body_velocity
+        aids = [np.stack([np.pi / 2 - heading, np.zeros_like(heading)], -1)]
+        aids += [] if more is None else [np.moveaxis(more, 1, 2)]
+        told = np.concatenate([*aids, place, (axes @ gps[..., 3:, None])[..., 0]], axis=-1)
         told[..., _SECOND][missing[..., [*_NORTH_EAST_UP, 3, 4, 5]]] = np.nan
         return told
 
@@ -195,8 +201,8 @@ class DriveFrame:
     def innovations(self, found: Outcome, states: VehicleState) -> tuple[Array, Array]:
         """Return P3's innovations, (steps, 8, runs), INS less sensor, and their covariances."""
         epochs, runs = found.states.shape[:2]
-        values = np.where(found.used, found.values, np.nan).reshape(runs, epochs, 8)
-        values = np.swapaxes(values, 0, 1).copy()
+        values = np.where(found.used, found.values, np.nan).reshape(runs, epochs, 8 + self._more)
+        values = np.swapaxes(values, 0, 1)[..., [0, 1, *range(-6, 0)]]
         back = np.swapaxes(self.earth.ground(found.states[..., :3]).axes, -1, -2)
         turn = np.zeros((epochs, runs, 6, 6))
         turn[..., :3, :3] = -back[..., _NORTH_EAST_UP, :] / metres(states.position)[..., None]

@@ -43,6 +43,8 @@ class FilterSettings:
         At the start (m, m/s, rad, rad, m/s^2, rad/s).
     compass, lateral, gps_position, gps_velocity : float
         Of the measurements (rad, m/s, m, m/s).
+    body_velocity : float
+        Of what wheels or a standstill tell, if the drive has any (m/s). P3 has neither.
     gate : float
         A compass measurement whose innovation is larger than this many standard deviations is not
         used. P3 names no gate.
@@ -91,6 +93,7 @@ class FilterSettings:
     mounting_yaw: float = 0.0524
     gps_error: float = 3.0
     gps_time: float = 60.0
+    body_velocity: float = 0.05
 
     def __post_init__(self) -> None:
         known = isinstance(self.extra, tuple) and set(self.extra) <= set(EXTRA_STATES)

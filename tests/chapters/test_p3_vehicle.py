@@ -243,6 +243,32 @@ def test_the_recorded_errors_are_those_that_are_stored(
     assert found["max"] == pytest.approx(np.median(errors[1 : last + 1].max(0)), rel=APART[name])
 
 
+def test_the_recorded_ladder_is_that_which_is_stored(
+    results: Results, stored: dict[str, Array], content: dict[str, Any]
+) -> None:
+    """Ratios to the INS alone, in the same draws, and the share of the constraint in a gain."""
+    rungs = {name: np.array(x) for name, x in content["ladder"].items()}
+    never = rms_of(stored["never"], 40)
+    assert set(rungs) == {"compass", "lateral", "standstill", "lagged", "smoothed"}
+    for name, errors in rungs.items():
+        logs = np.log(rms_of(errors, 40) / never[:, : errors.shape[2]])
+        found = results[f"recorded.ladder.{name}-never"].value
+        assert found == pytest.approx(np.exp(logs.mean()), rel=0.01)
+    lateral, aided = (np.log(never / rms_of(x, 40)) for x in (rungs["lateral"], stored["through"]))
+    found = results["recorded.ladder.share.constraint-of-aids"].value
+    assert found == pytest.approx(lateral.mean() / aided.mean(), rel=0.01)
+
+
+def test_shares_of_a_gain_add_up(results: Results) -> None:
+    for start in ("", "recorded."):
+        names = ("constraint", "compass", "learner")
+        parts = [results[f"{start}ladder.share.{name}"].value for name in names]
+        assert sum(parts) == pytest.approx(1, abs=1e-9)
+    factors = (results[f"ladder.{name}"].value for name in ("lateral-never", "lssvm-never"))
+    lateral, lssvm = np.log([*factors])
+    assert results["ladder.share.constraint"].value == pytest.approx(lateral / lssvm, rel=1e-6)
+
+
 @pytest.mark.parametrize("name", [n for n in APART if n != "through"])
 def test_the_recorded_factors_and_their_intervals(
     results: Results, stored: dict[str, Array], name: str

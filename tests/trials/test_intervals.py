@@ -9,17 +9,29 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
-from inswsn_lib.evaluation import cluster_mean, cluster_median
+from inswsn_lib.evaluation import cluster_mean, cluster_median, cluster_share
 
 WHOLE = 4000
+
+
 # blocks, places, routes, and places of the routes: how many clusters, of how many values
-LAYOUTS = {cluster_mean: [(6, 2), (8, 5), (12, 5), (96, 5)], cluster_median: [(12, 5)]}
+def share(values: np.ndarray, labels: np.ndarray) -> tuple[float, float, float]:
+    """Return that of values in what is eight and the values of other clusters."""
+    return cluster_share(values, 8 + np.roll(values, len(values) // len(set(labels))), labels)
+
+
+LAYOUTS: dict[Callable[..., tuple[float, float, float]], list[tuple[int, int]]] = {
+    cluster_mean: [(6, 2), (8, 5), (12, 5), (96, 5)],
+    cluster_median: [(12, 5)],
+    share: [(6, 2), (96, 5)],
+}
 POPULATIONS: dict[str, Callable[[np.random.Generator, Any], np.ndarray]] = {
     "normal": lambda rng, size: rng.normal(size=size),
     "exponential": lambda rng, size: rng.exponential(size=size),
     "heavy-tailed": lambda rng, size: rng.standard_t(3, size=size),
 }
 MEANS = {"normal": 0.0, "exponential": 2.0, "heavy-tailed": 0.0}
+SHARES = {name: mean / (8 + mean) for name, mean in MEANS.items()}
 # of the sum of two exponentials: x with (1 + x) exp(-x) = 1/2
 MEDIANS = MEANS | {"exponential": 1.6783469900166606}
 
@@ -27,7 +39,7 @@ MEDIANS = MEANS | {"exponential": 1.6783469900166606}
 def test_intervals(size: Callable[[int, int], int], seed: int, tell: Callable[[str], None]) -> None:
     """Half of the variance is between clusters. Confidence bounds of the coverage are 95 %."""
     trials, worst = size(200, WHOLE), {}
-    for how, truths in ((cluster_mean, MEANS), (cluster_median, MEDIANS)):
+    for how, truths in ((cluster_mean, MEANS), (cluster_median, MEDIANS), (share, SHARES)):
         for (clusters, each), (name, draw) in product(LAYOUTS[how], POPULATIONS.items()):
             rng, labels = np.random.default_rng(seed), np.repeat(np.arange(clusters), each)
             hits = 0

@@ -359,7 +359,9 @@ def recorded_factors(trials: RecordedTrials, ratios: Ratios) -> dict[str, Findin
 def trials_apart(one: RecordedTrials, other: RecordedTrials) -> float:
     """Return by how much errors of the filters and of the last difference differ at most, m."""
     names = "never", "until", "through", "hold"
-    return max(float(np.abs(one.errors[n] - other.errors[n]).max()) for n in names)
+    pairs = [(one.errors[n], other.errors[n]) for n in names]
+    pairs += [(x, other.ladder[n]) for n, x in one.ladder.items()]
+    return max(float(np.abs(x - y).max()) for x, y in pairs)
 
 
 def recorded_table(sizes: Sizes, factors: Mapping[str, Finding]) -> pd.DataFrame:

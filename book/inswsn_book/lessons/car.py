@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,13 @@ from inswsn_book.evidence.outage_cells import rebuild_outages, rebuild_recorded
 from inswsn_book.show.moving import Moving, Slider
 from inswsn_lib.evaluation import Finding
 from inswsn_lib.inertial import metres
-from inswsn_lib.navigation import OutageTrials, RecordedTrials, VehicleOutages, read_trials
+from inswsn_lib.navigation import (
+    OutageTrials,
+    RecordedTrials,
+    VehicleOutages,
+    read_trials,
+    with_aids,
+)
 from inswsn_lib.papers import read_numbers
 from inswsn_lib.simulation import Drive
 from inswsn_lib.vehicle import (
@@ -53,19 +58,9 @@ LENGTH = 40
 _GRAVITY = 9.795  # m/s²
 
 
-def aided(drive: Drive, told: FilterSettings, aids: str) -> tuple[Drive, FilterSettings]:
-    """Return drive and settings of a filter that has these aids, if any, and no others."""
-    deaf = np.full_like(drive.compass, np.nan)
-    deaf[0] = drive.compass[0]  # from which every run begins
-    return (
-        drive if "compass" in AIDS[aids] else replace(drive, compass=deaf),
-        told if "constraint" in AIDS[aids] else replace(told, lateral=1e6),
-    )
-
-
 def outages(drive: Drive, told: FilterSettings, aids: str) -> VehicleRun:
     """Return the library's filter with some aids through an outage from each of `STARTS` on."""
-    there, believed = aided(drive, told, aids)
+    there, believed = with_aids(drive, told, AIDS[aids])
     with_gps = run_vehicle_filter(there, believed, last=int(STARTS[-1]))
     return replay(there, believed, with_gps, STARTS, LENGTH, aiding=True)
 
@@ -622,7 +617,11 @@ def hold(
         "recorded.factor.through-never", "recorded.factor.lssvm", "lasting.0.state",
     ):  # fmt: skip
         record.say(name, f"{record.reference('p3-vehicle', name).value:.2f}")
-    record.say("proven", f"{100 * record.reference('p3-vehicle', 'proven.none').value:.0f}")
+    for said_as, name in (
+        ("proven", "proven.none"), ("constraint", "ladder.share.constraint-of-aids"),
+        ("recorded.constraint", "recorded.ladder.share.constraint-of-aids"),
+    ):  # fmt: skip
+        record.say(said_as, f"{100 * record.reference('p3-vehicle', name).value:.0f}")
     for name in ("never", "through", "lssvm"):
         for label, error in largest(name).items():
             record.note(f"{name}.{label[0]}", error, "m", f"Largest error, outage {label}.")

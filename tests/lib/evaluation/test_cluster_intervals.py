@@ -11,7 +11,7 @@ from hypothesis import given, strategies as st
 from scipy.stats import norm, t
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.evaluation import cluster_mean, cluster_median
+from inswsn_lib.evaluation import cluster_mean, cluster_median, cluster_share
 
 GROUPS = [[0.0, 1.0], [4.0], [2.5, 3.5, 9.0], [-6.0, 0.5], [7.0, 7.5, 8.0, 1.5]]
 LABELS = np.repeat(["d", "a", "c", "e", "b"], [len(g) for g in GROUPS])
@@ -51,6 +51,24 @@ def test_more_skewness_than_that_of_a_single_value_is_not_believed() -> None:
         T = (mean - end) / error
         cubic = T + 1.5 * T**2 / 30 + 1.5**2 * T**3 / 2700 + 1.5 / 60
         assert cubic == pytest.approx(t.ppf(share, 99), rel=1e-9)
+
+
+def test_a_share_of_what_is_always_two_is_half_of_the_mean() -> None:
+    for sign in (1.0, -1.0):
+        expected = np.sort(sign * np.array(cluster_mean(VALUES, LABELS)) / 2)[[1, 0, 2]]
+        found = cluster_share(VALUES, np.full(len(VALUES), 2 * sign), LABELS)
+        assert found == pytest.approx(expected, rel=1e-9)
+
+
+def test_at_the_ends_of_a_share_the_rest_may_be_nothing() -> None:
+    """Fieller's: in a - q b the mean is then just told from zero. Of what may be zero, no end."""
+    whole = 5 + VALUES[::-1]
+    share, low, high = cluster_share(VALUES, whole, LABELS)
+    assert share == pytest.approx(VALUES.sum() / whole.sum())
+    assert cluster_mean(VALUES - low * whole, LABELS)[1] == pytest.approx(0, abs=1e-9)
+    assert cluster_mean(VALUES - high * whole, LABELS)[2] == pytest.approx(0, abs=1e-9)
+    assert low < share < high
+    assert cluster_share(np.ones(6), [1.0, -1.0, 1.0, -1.0, 1.0, -0.5], range(6))[2] == np.inf
 
 
 def test_of_few_clusters_all_resamples_can_be_written_down() -> None:

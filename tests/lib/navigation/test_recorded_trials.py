@@ -18,6 +18,9 @@ from inswsn_lib.errors import InswsnError
 from inswsn_lib.inertial import metres
 from inswsn_lib.learning import HoldRegressor
 from inswsn_lib.navigation import RecordedTrials, VehicleHybrid, read_trials, run_recorded_outages
+from inswsn_lib.navigation.recorded_trials import _standing
+from inswsn_lib.simulation import Drive
+from inswsn_lib.simulation.drive import DriveReference
 from inswsn_lib.streams import Recording
 from inswsn_lib.vehicle import FilterSettings
 
@@ -40,12 +43,14 @@ def some_trials(seed: int = 0) -> RecordedTrials:
         reference=rng.normal(0, 900, (9, 2)),
         speed=rng.gamma(2, 5, 9),
         mounting=rng.normal(0, 0.1, (2, 2, 3)),
+        ladder={"lateral": rng.gamma(2, 3, (3, 2, 3)), "lagged": rng.gamma(2, 3, (3, 2, 1))},
     )
 
 
 def arrays_of(trials: RecordedTrials) -> dict[str, Array]:
     named = {f"errors.{name}": x for name, x in trials.errors.items()}
     named |= {f"tracks.{name}": x for name, x in trials.tracks.items()}
+    named |= {f"ladder.{name}": x for name, x in trials.ladder.items()}
     return named | {name: getattr(trials, name) for name in ("reference", "speed", "mounting")}
 
 
@@ -76,7 +81,7 @@ def test_what_is_kept_comes_back_to_the_millimetre(tmp_path: Path) -> None:
 
 WRONG: dict[str, Any] = {
     "form": 7, "starts": ["a"], "errors": {"never": [[1], [1, 2]]}, "tracks": [1],
-    "reference": [[1, 2], [1]], "speed": ["a"], "mounting": "ab", "facts": 3,
+    "ladder": [1], "reference": [[1, 2], [1]], "speed": ["a"], "mounting": "ab", "facts": 3,
 }  # fmt: skip
 
 
@@ -127,6 +132,34 @@ def taken(recorded: Recording, starts: tuple[int, ...] = STARTS) -> RecordedTria
 @cache
 def trials() -> RecordedTrials:
     return taken(recording())
+
+
+def test_the_ladder_has_no_wheels() -> None:
+    """The smoothers in the first run."""
+    found = trials().ladder
+    aided = dict.fromkeys(("compass", "lateral", "standstill"), (STEPS + 1, 2, 2))
+    aided |= dict.fromkeys(("lagged", "smoothed"), (STEPS + 1, 2, 1))
+    assert {name: x.shape for name, x in found.items()} == aided
+    # an IMU without errors and with the constraint stays where GPS of 3 m had it, smoothed
+    for name in ("lateral", "standstill", "lagged", "smoothed"):
+        assert np.sqrt(np.mean(found[name][-1] ** 2)) < 3, name
+
+
+def test_it_stands_where_the_imu_is_quiet() -> None:
+    """It shakes but for ten seconds, one, and five: of these one is not believed."""
+    shaken, nothing = np.random.default_rng(0).normal(size=(8000, 3, 1)), np.zeros((81, 3, 1))
+    for first, last in ((20, 30), (40, 41), (70, 75)):
+        shaken[100 * first : 100 * last] /= 100
+    reference = DriveReference(nothing[:, :, 0], nothing[:, :, 0])
+    drive = Drive(
+        np.arange(81.0), 0.01, shaken, shaken, nothing, nothing, nothing[:, 0], reference, (),
+        "recorded",
+    )  # fmt: skip
+    told = _standing(drive, 60)[:, :, 0]
+    # the first second is quiet when it is over, and then it is to last for two
+    expected = [*range(23, 31), *range(73, 76)]
+    assert np.flatnonzero(np.isfinite(told).all(axis=1)).tolist() == expected
+    assert not told[expected].any()
 
 
 def test_the_mounting_is_found_again() -> None:

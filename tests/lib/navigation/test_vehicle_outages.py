@@ -11,8 +11,8 @@ import pytest
 from inswsn_book.record.results import read_results
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.navigation import VehicleOutages
-from inswsn_lib.navigation.vehicle_outages import METHODS, OUTAGE, p3_settings
+from inswsn_lib.navigation import VehicleOutages, run_outages, with_aids, with_wheels
+from inswsn_lib.navigation.vehicle_outages import METHODS, OUTAGE, RUNGS, p3_settings
 from inswsn_lib.scenario import with_values
 
 
@@ -47,6 +47,51 @@ def test_aids_that_say_nothing_are_no_aids() -> None:
         np.testing.assert_allclose(deaf.errors[name], deaf.errors["never"], rtol=1e-3, atol=1e-3)
     aided = outages()
     assert np.abs(aided.errors["through"] - aided.errors["never"])[OUTAGE].max() > 10
+
+
+def test_wheels_tell_the_true_speed_and_a_standstill_all_three() -> None:
+    drive = outages().drives[0]
+    told = with_wheels(drive, seed=3).body_velocity
+    assert told is not None
+    speed = np.hypot(*drive.reference.velocity[:, :2].T)
+    standing = speed < 1e-3
+    assert 20 < standing.sum() < 400
+    assert not told[standing].any()
+    assert np.isnan(told[~standing, 1:]).all()
+    fast = speed > 5
+    ratio = told[fast, 0] / np.linalg.norm(drive.reference.velocity[fast], axis=1)[:, None]
+    # 0.5 % of scale, and 0.05 m/s of noise on each
+    assert np.abs(ratio.mean(axis=0) - 1).max() < 4 * 0.005
+    off = (ratio / ratio.mean(axis=0) - 1) * speed[fast, None]
+    assert off.std() == pytest.approx(0.05, rel=0.1)
+
+
+def test_a_drive_has_the_aids_that_are_asked_for() -> None:
+    drive, told = with_wheels(outages().drives[0], seed=3), outages().beliefs
+    whole = with_aids(drive, told, RUNGS["wheels"])[0]
+    assert np.array_equal(whole.body_velocity, drive.body_velocity, equal_nan=True)
+    still = with_aids(drive, told, RUNGS["standstill"])[0].body_velocity
+    assert still is not None
+    assert np.isfinite(still).any()
+    assert not still[np.isfinite(still)].any()
+    bare, settings = with_aids(drive, told, ())
+    assert bare.body_velocity is None
+    assert np.isfinite(bare.compass).sum() == bare.runs
+    assert settings.lateral > 1e5
+
+
+def test_each_rung_is_run_outages_with_its_aids() -> None:
+    """Of a drive that hears no more; and what has more to hear, or more time, is nearer."""
+    found, there = outages().ladder, outages()
+    heard, told = with_aids(there.drives[0], there.beliefs, ["constraint"])
+    alone = run_outages(heard, told, there.starts[0], OUTAGE, filters=("through",))
+    assert np.array_equal(found["lateral"][:, :, :2], alone.errors["through"])
+    whole = {name: np.sqrt((x[1:] ** 2).mean()) for name, x in found.items()}
+    whole["through"] = np.sqrt((there.errors["through"][1 : OUTAGE + 1] ** 2).mean())
+    for rungs in (("wheels", "standstill", "through"), ("smoothed", "lagged", "through")):
+        sizes = [whole[name] for name in rungs]
+        assert sizes == sorted(sizes)
+    assert found["lagged"].shape == found["smoothed"].shape == (OUTAGE + 1, 8, 2)
 
 
 def test_an_lssvm_that_has_not_proven_itself_is_silent() -> None:

@@ -39,6 +39,7 @@ from inswsn_lib.vehicle import (
     position_error,
     replay,
     run_vehicle_filter,
+    smooth_outages,
 )
 
 GPS = ("gps_position", "gps_velocity")
@@ -244,6 +245,58 @@ def test_branches_are_those_of_their_epochs_and_runs() -> None:
     for b in (3, 13):
         alone = replay(drive, KNOWN, run, [starts.ravel()[b]], 5, aiding=True)
         assert off(branch, alone, (slice(None), b), (slice(None), b % 8)) < SAME
+
+
+def test_a_smoother_that_waits_for_nothing_is_the_filter() -> None:
+    """But for the order of corrections. At the end of what it knows it is that in any case."""
+    drive, run = eight(), eight_run()
+    branch = replay(drive, KNOWN, run, [20], 10, aiding=True)
+    for more in ({"lag": 0.0, "after": 5}, {"after": 0}):
+        found = smooth_outages(drive, KNOWN, run, [20], 10, **more)
+        assert found.shape == branch.position.shape
+        apart = position_error(branch, drive, found) - position_error(branch, drive)
+        ends = slice(None) if "lag" in more else [0, -1]
+        assert np.abs(apart[ends]).max() < 0.05
+
+
+def test_a_smoother_is_at_the_fixes_after_the_outage() -> None:
+    """GPS without noise, from the outage's end on: the way there is known at both ends."""
+    drive = make_drive(70, 4, seed=3)
+    true = drive.reference
+    drive = replace(
+        drive,
+        gps_position=np.repeat(true.position[:, :, None], 4, axis=2),
+        gps_velocity=np.repeat(true.velocity[:, :, None], 4, axis=2),
+    )
+    told = replace(KNOWN, gps_position=0.01, gps_velocity=0.01, position=0.1)
+    run = run_vehicle_filter(drive, told, last=30)
+    branch = replay(drive, told, run, [30], 30, aiding=False)
+    late = horizontal_error(branch, drive, smooth_outages(drive, told, run, [30], 30, after=5))
+    lagged = smooth_outages(drive, told, run, [30], 30, after=5, lag=5.0)
+    lag = horizontal_error(branch, drive, lagged)
+    assert late[-1].max() < 0.1
+    assert horizontal_error(branch, drive)[-1].min() > 10 * late[-1].max()
+    # what comes within the lag is known, so that the last epochs are those of the smoother
+    assert lag[-1] == pytest.approx(late[-1], abs=0.02)
+    assert np.sqrt(np.mean(late**2)) < np.sqrt(np.mean(lag**2))
+
+
+def test_wheels_hold_the_way_along_the_road() -> None:
+    """By the constraint, the compass and its true speed a car knows its way: 0.3 m in 40 s."""
+    drive = eight()
+    nothing = np.full((61, 3, 8), np.nan)
+    wheels = nothing.copy()
+    wheels[:, 0] = np.linalg.norm(drive.reference.velocity, axis=1)[:, None]
+    ends = []
+    for told in (nothing, wheels):
+        run = run_vehicle_filter(replace(drive, body_velocity=told), KNOWN, outages=[(20, 61)])
+        apart = position_error(run, drive)
+        ends.append(np.linalg.norm(apart[60, :2] - apart[20, :2], axis=0))
+    assert ends[1].max() < 1.0 < ends[0].mean() / 2
+    # what tells nothing changes nothing
+    same = run_vehicle_filter(replace(drive, body_velocity=nothing), KNOWN)
+    assert off(same, eight_run()) == 0
+    assert np.array_equal(same.innovations, eight_run().innovations, equal_nan=True)
 
 
 def test_a_run_is_what_it_is_alone_and_until_its_end() -> None:
