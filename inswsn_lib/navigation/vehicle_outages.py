@@ -284,6 +284,23 @@ def with_wheels(drive: Drive, *, seed: int) -> Drive:
     Wheels tell the speed with white noise and an error of their scale that stays through a run,
     `WHEEL_NOISE` and `WHEEL_SCALE`. Where the car stands, its velocity is told to be zero, forward,
     right and down: the simulated IMU does not shake on the road, so that it could not tell.
+
+    Parameters
+    ----------
+    drive : Drive
+    seed : int
+        Of the noise.
+
+    Examples
+    --------
+    The car of P3 begins at rest, and later drives:
+
+    >>> import inswsn_lib as iw
+    >>> p3 = iw.with_values(iw.load_scenario(iw.data_file("scenarios/p3.yaml")), imu_period=0.1)
+    >>> drive = iw.navigation.with_wheels(iw.simulate_drive(p3, runs=1, seed=0), seed=0)
+    >>> drive.body_velocity[[0, 60], :, 0].round(1)
+    array([[0. , 0. , 0. ],
+           [6.4, nan, nan]])
     """
     rng = np.random.default_rng([seed, 1])
     speed = np.linalg.norm(drive.reference.velocity, axis=1)[:, None]
@@ -298,6 +315,11 @@ def run_ladder(
     drive: Drive, settings: FilterSettings, starts: ArrayLike, steps: int
 ) -> dict[str, Array]:
     """Take GPS away as `run_outages` does, with one aid after the other, and with smoothers.
+
+    Parameters
+    ----------
+    drive, settings, starts, steps
+        As in `run_outages`.
 
     Returns
     -------

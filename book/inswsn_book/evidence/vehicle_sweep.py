@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -62,11 +62,10 @@ class Sweep:
         believed: FilterSettings,
         drive: Drive | None = None,
         hybrids: Mapping[str, VehicleHybrid] | None = None,
-        filters: Sequence[str] = ("through",),
     ) -> OutageTrials:
-        """Return the outages with filters that believe this, and hybrids, if there are any."""
+        """Return the outages with an aided filter that believes this, and hybrids of it."""
         there = drive or self.drive
-        return run_outages(there, believed, self.starts, LONG, hybrids, filters=filters)
+        return run_outages(there, believed, self.starts, LONG, hybrids, filters=("through",))
 
     def factor(
         self, one: tuple[OutageTrials, str], other: tuple[OutageTrials, str], how: str
