@@ -67,7 +67,7 @@ class Spread(Frozen):
     chosen: Finite  # at the point where everything is as chosen, with the same few runs
     published: Finite  # in the reference results
     quantiles: tuple[Finite, ...]
-    below: float | None  # share of the points below the value at which the conclusion turns
+    turned: float | None  # share of the points at which the conclusion is not the published one
     failed: int  # points at which it could not be had
 
 
@@ -303,12 +303,14 @@ def row_of(
 
 def spread_of(headline: Headline, values: Array, chosen: float, published: float) -> Spread:
     """Return a result as a distribution."""
-    there = values[~np.isnan(values)]
+    there, turned = values[~np.isnan(values)], None
+    if headline.turns is not None:
+        turned = _short(float(np.mean((there < headline.turns) != (published < headline.turns))))
     return Spread(
         chosen=_short(chosen),
         published=_short(published),
         quantiles=tuple(_short(q) for q in np.quantile(there, QUANTILES)),
-        below=None if headline.turns is None else _short(float(np.mean(there < headline.turns))),
+        turned=turned,
         failed=int(np.isnan(values).sum()),
     )
 

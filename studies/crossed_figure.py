@@ -60,10 +60,12 @@ def _distribution(ax: Axes, spread: Spread, headline: Headline) -> None:
 def _totals(ax: Axes, shares: Mapping[str, Share]) -> None:
     found = sorted(shares.items(), key=lambda item: -item[1].total)[:_MOST]
     places = range(len(found))[::-1]
+    # an estimate may lie above 1, where its interval ends
+    ends = [(max(s.total - s.total_low, 0), max(s.total_high - s.total, 0)) for _, s in found]
     ax.barh(
         places,
         [share.total for _, share in found],
-        xerr=[share.total_half for _, share in found],
+        xerr=list(zip(*ends, strict=True)),
         color=COLOURS["rebuilt"],
         ecolor=COLOURS["published"],
         height=0.65,

@@ -8,6 +8,7 @@ with all that it does together with others (total).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from typing import Any
 
@@ -24,6 +25,8 @@ LEVELS = 4
 STEP = LEVELS / (2 * (LEVELS - 1))
 #: Resamples of the bootstrap behind intervals
 RESAMPLES = 1000
+#: By how much intervals of total indices are wider than the bootstrap's
+WIDER = 1.5
 # Digits of a place: what is stored is what was computed with
 _DIGITS = 6
 
@@ -37,12 +40,13 @@ class Effect(Frozen):
 
 
 class Share(Frozen):
-    """Shares of the variance of a result, with halves of their 95 % intervals."""
+    """Shares of the variance of a result, with 95 % intervals."""
 
     first: Finite
     first_half: Finite
     total: Finite
-    total_half: Finite
+    total_low: Finite
+    total_high: Finite
 
 
 def morris_places(names: Sequence[str], trajectories: int, seed: int) -> Array:
@@ -88,18 +92,32 @@ def sobol_shares(
     each = list(dict.fromkeys(groups))
     values = filled(values)
     if np.ptp(values) == 0:  # a result that nothing moves has no variance to share
-        return {group: Share(first=0, first_half=0, total=0, total_half=0) for group in each}
+        none = Share(first=0, first_half=0, total=0, total_low=0, total_high=0)
+        return dict.fromkeys(each, none)
     found = sobol_analysis.analyze(
         _problem(names, groups), values,
         calc_second_order=False, num_resamples=RESAMPLES, seed=seed,
     )  # fmt: skip
     columns = zip(found["S1"], found["S1_conf"], found["ST"], found["ST_conf"], strict=True)
-    return {
-        group: Share(
-            first=_short(s), first_half=_short(sh), total=_short(t), total_half=_short(th)
-        )
-        for group, (s, sh, t, th) in zip(each, columns, strict=True)
-    }  # fmt: skip
+    shares = {}
+    for group, (first, first_half, total, half) in zip(each, columns, strict=True):
+        low, high = total_ends(total, half)
+        shares[group] = Share(
+            first=_short(first), first_half=_short(first_half),
+            total=_short(total), total_low=_short(low), total_high=_short(high),
+        )  # fmt: skip
+    return shares
+
+
+def total_ends(total: float, half: float) -> tuple[float, float]:
+    """Return the ends of the 95 % interval of a total index, by half of the bootstrap's.
+
+    Of results with a long tail few points make most of the variance. An index is then too small
+    more often than too large, and the smaller the narrower its bootstrap. So the interval is one
+    of the logarithm, `WIDER` than the bootstrap's, and ends at 1.
+    """
+    factor = math.exp(WIDER * half / total) if total > 0 else 1.0
+    return min(total / factor, 1.0), min(total * factor, 1.0)
 
 
 def filled(values: Array) -> Array:

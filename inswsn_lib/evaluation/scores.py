@@ -59,9 +59,14 @@ class Finding(NamedTuple):
 
     @classmethod
     def of_runs(cls, values: ArrayLike, unit: str, how: str) -> Finding:
-        """Return the median of some runs, with the ends of 95 % of them."""
-        middle, low, high = map(float, np.quantile(np.asarray(values), [0.5, 0.025, 0.975]))
-        return cls(middle, low, high, unit, how, "runs 95 %")
+        """Return the median of some runs, with the ends of 95 % of them.
+
+        Values are (runs,), or (1 + draws, runs) of a method whose tuning was drawn, too: the median
+        is that of the first row, the ends are those of all.
+        """
+        rows = np.atleast_2d(values)
+        low, high = np.quantile(rows, [0.025, 0.975])
+        return cls(float(np.median(rows[0])), float(low), float(high), unit, how, "runs 95 %")
 
     @property
     def is_level(self) -> bool:
@@ -88,8 +93,8 @@ def quotient(
 
     Parameters
     ----------
-    above, below : sequences of array_like, (runs,)
-        In one unit.
+    above, below : sequences of array_like, (runs,) or (1 + draws, runs)
+        In one unit. With rows, the first gives the ratio, and each resample takes its runs of one.
     unit : {"1", "%"}
     how : str
         What it is, one sentence.
@@ -106,10 +111,14 @@ def quotient(
     >>> [round(x, 6) for x in quotient([runs / 2], [runs], "%", "Half of it.")[:3]]
     [50.0, 50.0, 50.0]
     """
-    parts = [np.asarray(columns, dtype=float) for columns in (above, below)]
-    runs = parts[0].shape[1]
+    parts = [np.array([np.atleast_2d(c) for c in columns], float) for columns in (above, below)]
+    rows, runs = parts[0].shape[1:]
+    of_row = np.arange(resamples)[:, None] % rows
     drawn = np.random.default_rng(runs).integers(runs, size=(resamples, runs))
-    sums = [(np.median(p, axis=1).sum(), np.median(p[:, drawn], axis=2).sum(axis=0)) for p in parts]
+    sums = [
+        (np.median(p[:, 0], axis=1).sum(), np.median(p[:, of_row, drawn], axis=2).sum(axis=0))
+        for p in parts
+    ]
     scale = 100.0 if unit == "%" else 1.0
     value, others = (float(scale * sums[0][0] / sums[1][0]), scale * sums[0][1] / sums[1][1])
     low, high = np.quantile(others, [0.025, 0.975])

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from inswsn_book.evidence.outage_tables import METHODS, Hypothesis
 from inswsn_book.judge.verdicts import count_verdicts
 from inswsn_lib.checks import Array
+from inswsn_lib.evaluation import Finding
 from inswsn_lib.learning import LSSVMRegressor, kernel_matrix, select_lssvm
 from inswsn_lib.navigation.bridged_outages import (
     COASTING,
@@ -223,9 +224,9 @@ def fair_frame(
     outages: BridgedOutages, fair: Mapping[tuple[str, str], Judged], own: Mapping[str, Array]
 ) -> pd.DataFrame:
     """Return the shares of all methods by input, and those of the reader's own."""
-    shares = {key: entry.shares for key, entry in fair.items()}
+    shares = {key: entry.by_run for key, entry in fair.items()}
     mine = f"`{outages.learner.partition(':')[2]}`, as made"
-    shares |= {(mine, kind): values for kind, values in own.items()}
+    shares |= {(mine, kind): 100 * values.mean(axis=0) for kind, values in own.items()}
     names = [*outages.fits, COASTING, HF_COASTING, *outages.learners, mine]
     rows = {name: [_told_share(shares.get((name, kind))) for kind in KINDS] for name in names}
     return _frame(rows, ["the true error (oracle)", *KINDS[1:-1], "last state"], "method")
@@ -235,8 +236,8 @@ def _told_share(values: Array | None) -> str:
     """Return the median over runs of the mean share, with the ends of 95 % of them."""
     if values is None:
         return "–"
-    middle, low, high = 100 * np.quantile(values.mean(axis=0), [0.5, 0.025, 0.975])
-    return f"{middle:.0f} ({low:.0f} to {high:.0f})"
+    found = Finding.of_runs(values, "%", "")
+    return f"{found.value:.0f} ({found.low:.0f} to {found.high:.0f})"
 
 
 def columns_frame(

@@ -113,7 +113,8 @@ def equal_findings(
     names = [axis + p.area for p in passages for axis in AXES]
     found: dict[str, Finding] = {}
     for slug, name in EQUAL.items():
-        errors = dict(zip(names, compared[name, "motion"].shares * alone, strict=True))
+        drawn = np.moveaxis(compared[name, "motion"].drawn * alone, 1, 0)
+        errors = dict(zip(names, drawn, strict=True))
         found |= _outage(f"fair.cells.{slug}", errors, f"{name} on the motion, tuned")
     return found
 

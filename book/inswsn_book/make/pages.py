@@ -29,6 +29,7 @@ from inswsn_book.judge.verdicts import OUTCOMES, Verdict, count_verdicts
 from inswsn_book.make.glossary import FirstUses, terms_of
 from inswsn_book.make.plain import PlainBook
 from inswsn_book.record import files
+from inswsn_book.record.chapter import MOST_TURNED, told_turning
 from inswsn_book.record.notebooks import cell_prefix, notebook_text, read_notebook
 from inswsn_book.record.parameters import chapter_schema
 from inswsn_book.record.project import Chapter, Project
@@ -179,6 +180,8 @@ def _kept(project: Project) -> dict[str, Any]:
     assumed = data / "assumptions.yaml"
     return {
         **{path.stem: read_json(path) for path in data.glob("*.json")},
+        "most_turned": MOST_TURNED,
+        "told_turning": told_turning,
         "ladders": _ladders(data / "recorded/on-recordings.json"),
         "reruns": {p.stem: read_json(p)["provenance"] for p in data.glob("reruns/*.json")},
         "benchmarks": {path.stem: read_yaml(path) for path in data.glob("benchmarks*.yaml")},

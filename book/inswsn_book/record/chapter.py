@@ -29,9 +29,26 @@ from inswsn_book.record.results import (
 from inswsn_book.record.timing import Sampler
 from inswsn_lib.errors import InswsnError
 
+#: Share of the points of the crossed study at which a headline may turn; one that turns at more is
+#: told as undecided
+MOST_TURNED = 0.25
 _PACKAGES = ("inswsn_lib", "inswsn_book")
 # MyST-NB pastes outputs of this type into the text by the role {glue:text}.
 _GLUE_TYPE = "application/papermill.record/text/plain"
+
+
+def told_turning(turned: float | None) -> str:
+    """Return at how many points of the crossed study a conclusion turns, and what that makes of it.
+
+    The share is None where no value of the result turns it.
+    """
+    if turned is None:
+        return "turns at no value"
+    told = f"turns at {100 * turned:.0f} % of the points"
+    if turned <= MOST_TURNED:
+        return told
+    most = turned > 1 - MOST_TURNED
+    return f"{told}, so {'the other conclusion is the rule' if most else 'it is undecided'}"
 
 
 class ChapterRecord:
@@ -151,12 +168,14 @@ class ChapterRecord:
     def crossed(self, chapter: str, name: str, form: str = ".0f", short: str = "") -> None:
         """Make known as ``crossed.NAME`` where a number lies if all assumptions vary at once.
 
-        That is the range of 95 % of the points of the crossed study, such as ``57 to 112``. A name
-        may be made known by a short one.
+        That is the range of 95 % of the points of the crossed study, such as ``57 to 112``; as
+        ``crossed.NAME.turned`` what `told_turning` says. A name may be made known by a short one.
         """
         spreads = json.loads(self.data("crossed.json").read_text(encoding="utf-8"))["spreads"]
-        low, *_, high = (max(end, 0.0) for end in spreads[f"{chapter} {name}"]["quantiles"])
+        spread = spreads[f"{chapter} {name}"]
+        low, *_, high = (max(end, 0.0) for end in spread["quantiles"])
         self.say(f"crossed.{short or name}", f"{low:{form}} to {high:{form}}")
+        self.say(f"crossed.{short or name}.turned", told_turning(spread["turned"]))
 
     def holds(self, sentence: str, condition: object) -> None:
         """Bind a sentence of the page, or its gist, to the condition that makes it true.

@@ -54,6 +54,14 @@ def test_the_leader_and_its_lead() -> None:
     assert np.isnan(alone.leader().lead.percent)
 
 
+def test_a_ratio_whose_tuning_was_drawn() -> None:
+    """All runs are alike, so that the interval is of the tuning alone: 1 as tuned, 1 to 3 drawn."""
+    runs = np.ones(50)
+    drawn = np.outer([1.0, 3.0, 2.0, 3.0], runs)
+    assert quotient([drawn], [np.outer(np.ones(4), runs)], "1", "")[:3] == (1.0, 1.0, 3.0)
+    assert Finding.of_runs(drawn, "1", "")[:3] == (1.0, 1.0, 3.0)
+
+
 def test_the_interval_of_a_lead() -> None:
     # differences 2 + 2 u, u evenly spaced 1/100 apart, of variance n (n + 1) / (12 (n - 1)^2)
     u = np.linspace(-0.5, 0.5, 101)

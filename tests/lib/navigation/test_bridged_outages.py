@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -15,7 +16,7 @@ from sklearn.preprocessing import PolynomialFeatures
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.navigation import BridgedOutages, Passage, bridged_outages
-from inswsn_lib.navigation.bridged_outages import COASTING, KINDS, judge_best
+from inswsn_lib.navigation.bridged_outages import COASTING, KINDS, judge_best, share_findings
 from inswsn_lib.scenario import with_values
 
 RUNS = 3
@@ -78,7 +79,6 @@ def test_what_is_left_of_the_ins_is_all_if_nothing_is_corrected(outages: Bridged
     assert passage.shares(alone) == pytest.approx(np.ones((4, RUNS)))
     left = alone * [[[0.5], [1.0], [1.5], [3.0]]]
     assert passage.shares(left) == pytest.approx(np.tile([[0.5], [1.0], [1.5], [3.0]], RUNS))
-    assert passage.loss(left) == pytest.approx(1.5)
 
 
 def test_a_drift_is_known_to_who_assumes_it(outages: BridgedOutages) -> None:
@@ -110,6 +110,24 @@ def test_of_settings_the_one_with_the_least_loss_in_rehearsal_is_judged(
     judged = judge_best("any", settings, passages, [p.rehearsal() for p in passages])
     assert judged.tuning.losses == pytest.approx((2.0, 0.5, 1.0, 1e6))
     assert judged.shares == pytest.approx(np.full((8, RUNS), 2.0))
+    assert judged.by_run == pytest.approx(np.full((101, RUNS), 200.0))  # whichever runs tune
+
+
+def test_a_choice_that_hangs_on_which_runs_tune_widens_the_interval() -> None:
+    """Of draws of two runs of eight, those of the first half alone choose another setting."""
+    passage = BridgedOutages(runs=8).judged["1"]
+    half = np.arange(8) < 4
+
+    def left(of: Passage, first: float, other: float) -> np.ndarray:
+        return np.where(half, first, other) * of.error[of.heard :]
+
+    settings = [partial(left, first=0.0, other=2.2), partial(left, first=1.0, other=1.0)]
+    even = replace(passage, error=np.ones_like(passage.error))  # so that all runs weigh the same
+    judged = judge_best("any", settings, [passage], [even])
+    assert judged.by_run[0] == pytest.approx(np.full(8, 100.0))
+    assert (judged.by_run[1:, -1] > 200).mean() == pytest.approx(0.25, abs=0.1)
+    found = share_findings({("any", "motion"): judged})["fair.any.motion"]
+    assert (found.low, found.value, found.high) == pytest.approx((0.0, 100.0, 220.0))
 
 
 def test_all_methods_have_twelve_different_trials(outages: BridgedOutages) -> None:
