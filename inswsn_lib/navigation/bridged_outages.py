@@ -12,6 +12,7 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from sklearn.dummy import DummyRegressor
 
 from inswsn_lib import learning
@@ -419,15 +420,15 @@ class BridgedOutages(P1Runs):
 
 
 def judge_best(
-    name: str, bridges: Sequence[Bridge], passages: Iterable[Passage], rehearsals: Sequence[Passage]
+    name: str, bridges: Sequence[Bridge], passages: Sequence[Passage], rehearsals: Sequence[Passage]
 ) -> Judged:
     """Choose among the settings of a method by rehearsal, and judge the choice in passages."""
     sizes = np.array([[of.sizes(bridge(of)) for of in rehearsals] for bridge in bridges])
     runs = sizes.shape[-1]
 
-    def losses(tuned_on: Array) -> Array:
+    def losses(tuned_on: NDArray[np.int64]) -> Array:
         left, alone = np.moveaxis(sizes[..., tuned_on].mean(axis=-1), 2, 0)
-        return np.minimum((left / alone).mean(axis=(1, 2)), _WORST)
+        return np.asarray(np.minimum((left / alone).mean(axis=(1, 2)), _WORST))
 
     given = losses(np.arange(runs))
     tuning = tune(name, range(len(bridges)), lambda place: given[int(place)])

@@ -143,11 +143,10 @@ def test_a_distribution_tells_on_which_side_it_lies(project: Project) -> None:
 
 
 def test_what_turns_at_more_than_a_quarter_of_the_points_is_told_as_undecided() -> None:
-    assert told_turning(0.25) == "turns at 25 % of the points"
-    assert told_turning(0.26) == "turns at 26 % of the points, so it is undecided"
-    assert told_turning(0.75) == "turns at 75 % of the points, so it is undecided"
-    assert told_turning(0.76).endswith("so the other conclusion is the rule")
-    assert told_turning(None) == "turns at no value"
+    assert told_turning(0.25) == "does not hold at 25 % of the points"
+    assert told_turning(0.26) == "does not hold at 26 % of the points, and so is undecided"
+    assert told_turning(0.75).endswith("75 % of the points, and so is undecided")
+    assert told_turning(0.76).endswith("76 % of the points, and so is the exception")
 
 
 def test_computed_points_are_not_computed_again(tmp_path: Path, crossing: Crossing) -> None:
@@ -214,14 +213,14 @@ def test_the_front_page_tells_no_headline_that_turns_as_decided(
     spread = stored.spreads["p1-training headline.kf-share"]
     assert spread.turned is not None
     assert f"that it is less than all of it {told_turning(spread.turned)})" in page
-    assert page.count("which method is ahead turns at") == 3
+    assert page.count("the order there does not hold at") == 3
 
 
 def test_its_page_names_the_conclusions_that_turn(
     project: Project, stored: Crossed, render: Render
 ) -> None:
     section = render("assumptions").split("\n## Crossed\n")[1]
-    said = section.split("the conclusion is the other one for: ")[1].split(". Near")[0]
+    said = section.split("the conclusion is the other one for: ")[1].split(". Up to three")[0]
     headlines = {label(h): h for h in load_assumptions(project.root).headlines}
     turned = []
     for name, spread in stored.spreads.items():

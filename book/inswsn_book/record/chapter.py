@@ -29,26 +29,22 @@ from inswsn_book.record.results import (
 from inswsn_book.record.timing import Sampler
 from inswsn_lib.errors import InswsnError
 
-#: Share of the points of the crossed study at which a headline may turn; one that turns at more is
-#: told as undecided
+#: Share of the points of the crossed study at which a headline may not hold: beyond it, it is none
 MOST_TURNED = 0.25
 _PACKAGES = ("inswsn_lib", "inswsn_book")
 # MyST-NB pastes outputs of this type into the text by the role {glue:text}.
 _GLUE_TYPE = "application/papermill.record/text/plain"
 
 
-def told_turning(turned: float | None) -> str:
-    """Return at how many points of the crossed study a conclusion turns, and what that makes of it.
+def told_turning(turned: float) -> str:
+    """Return at what share of the points of the crossed study a conclusion does not hold.
 
-    The share is None where no value of the result turns it.
+    Behind it stands what that makes of the conclusion, if the share is more than `MOST_TURNED`.
     """
-    if turned is None:
-        return "turns at no value"
-    told = f"turns at {100 * turned:.0f} % of the points"
+    told = f"does not hold at {100 * turned:.0f} % of the points"
     if turned <= MOST_TURNED:
         return told
-    most = turned > 1 - MOST_TURNED
-    return f"{told}, so {'the other conclusion is the rule' if most else 'it is undecided'}"
+    return f"{told}, and so is {'undecided' if turned <= 1 - MOST_TURNED else 'the exception'}"
 
 
 class ChapterRecord:
@@ -169,13 +165,15 @@ class ChapterRecord:
         """Make known as ``crossed.NAME`` where a number lies if all assumptions vary at once.
 
         That is the range of 95 % of the points of the crossed study, such as ``57 to 112``; as
-        ``crossed.NAME.turned`` what `told_turning` says. A name may be made known by a short one.
+        ``crossed.NAME.turned`` what `told_turning` says, if a value of the result turns a
+        conclusion. A name may be made known by a short one.
         """
         spreads = json.loads(self.data("crossed.json").read_text(encoding="utf-8"))["spreads"]
         spread = spreads[f"{chapter} {name}"]
         low, *_, high = (max(end, 0.0) for end in spread["quantiles"])
         self.say(f"crossed.{short or name}", f"{low:{form}} to {high:{form}}")
-        self.say(f"crossed.{short or name}.turned", told_turning(spread["turned"]))
+        if spread["turned"] is not None:
+            self.say(f"crossed.{short or name}.turned", told_turning(spread["turned"]))
 
     def holds(self, sentence: str, condition: object) -> None:
         """Bind a sentence of the page, or its gist, to the condition that makes it true.
