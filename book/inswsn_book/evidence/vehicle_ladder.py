@@ -14,7 +14,13 @@ from inswsn_book.evidence.vehicle_tables import Ratios, rows_table, written
 from inswsn_lib.checks import Array
 from inswsn_lib.evaluation import Finding, cluster_share
 from inswsn_lib.navigation import RecordedTrials, VehicleOutages, outage_size
-from inswsn_lib.navigation.vehicle_outages import LAG, OUTAGE
+from inswsn_lib.navigation.vehicle_outages import (
+    AFTER,
+    LAG,
+    OUTAGE,
+    WHEEL_NOISE,
+    WHEEL_SCALE,
+)
 
 #: The rungs from below, by the names that they have in the outages
 LADDER = {
@@ -28,6 +34,13 @@ LADDER = {
     "rbf": "P3's aids + RBF network",
     "lagged": f"P3's aids, fixed-lag smoother, {LAG} s late: not causal",
     "smoothed": "P3's aids, smoother with GPS after the outage: not causal",
+}
+#: Of smoothers, s, and of simulated wheels, m/s and %
+NUMBERS = {
+    "lag": LAG,
+    "after": AFTER,
+    "wheel-noise": WHEEL_NOISE,
+    "wheel-scale": 100 * WHEEL_SCALE,
 }
 # What is put against what; the first over the second
 _STEPS = (("standstill", "through"), ("wheels", "standstill"), ("lagged", "through"))
