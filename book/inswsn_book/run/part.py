@@ -102,6 +102,11 @@ def _flow(
                 bound |= _names(item.optional_vars) if item.optional_vars else frozenset()
             inner, bound = _flow(statement.body, bound)
             taken |= inner
+        elif isinstance(statement, ast.Try):  # what it binds is not sure after it
+            taken |= _flow([*statement.body, *statement.orelse, *statement.finalbody], bound)[0]
+            for handler in statement.handlers:
+                taken |= _names(handler.type) - bound if handler.type else frozenset()
+                taken |= _flow(handler.body, bound | {handler.name or ""})[0]
         else:
             table = symtable.symtable(ast.unparse(statement), "cell", "exec")
             taken |= frozenset(_globals(table)) - bound
