@@ -68,7 +68,7 @@ def test_fixes_on_a_plane_beside_an_imu_have_their_height_held(velocities: bool)
     fixes = Fixes(time, place[:, :2] + 0.2 * rng.normal(size=(len(time), 2)), velocity)
     reference = made(6).reference
     found = report(Recording("flat", imu=made_imu(6), fixes=fixes, reference=reference), begins=1)
-    network, corrected, _ = found.table["position"]
+    network, corrected, *_ = found.table["position"]
     assert network == pytest.approx(0.2 * np.sqrt(2), rel=0.15)
     assert corrected < 0.6 * network
     [errors] = [each for each in found.findings if each.name == "errors"]
