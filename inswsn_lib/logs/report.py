@@ -227,7 +227,7 @@ def _expected(ladder: Ladder, truth: Array) -> pd.DataFrame:
     try:
         ratios = ladder.statistics(truth).ratios()
     except InswsnError:  # too short
-        return pd.DataFrame(columns=[*ERRORS])
+        return pd.DataFrame(columns=[*ERRORS], dtype=float)
     told = [ExpectedRatio.of(*each) for each in zip(ratios, MISFIT, strict=True)]
     row = [value for each in told for value in (np.nan, *each)]
     return pd.DataFrame([row], index=["expected"], columns=[*ERRORS])
@@ -242,7 +242,7 @@ def _stated(ladder: Ladder, solution: Solution, findings: list[Finding]) -> pd.D
     name, P = ladder.corrected, ladder.of(solution).covariance
     doubted = any(each.fits is False for each in findings if each.name in _OF_FILTER)
     if name != ladder.on_fixes or P is None or doubted:
-        return pd.DataFrame(columns=[*ERRORS])
+        return pd.DataFrame(columns=[*ERRORS], dtype=float)
     white, *others = ladder.tuned(name).best[2:]
     variance = white**2 + (others[-2] ** 2 if name == COLOURED else 0.0)
     rows = (ladder.fixes.time > ladder.split) & np.isfinite(P).all(axis=(1, 2))

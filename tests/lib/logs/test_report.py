@@ -60,6 +60,7 @@ def test_a_filter_that_fits_is_consistent_and_better_than_the_network() -> None:
     assert smoothed < corrected < 0.5 * network
     # it drifts too little in this time to tell for how long it holds a place
     assert "expected" not in found.table.index
+    assert set(found.table.dtypes) == {np.dtype(float)}
     # the filter finds the noise of the fixes
     assert found.numbers[2] == pytest.approx(NOISE, rel=0.15)
     assert {"size", "colour", "whiteness", "errors"} <= {each.name for each in found.findings}
