@@ -267,7 +267,7 @@ def show_many(found: Mapping[tuple[str, float], tuple[float, float]]) -> None:
 
 def show_left(seed: int) -> None:
     """Show what a filter leaves of the error of a fix, by formula and simulated."""
-    period, holds, steps = 0.2, 2.0, 5000
+    period, holds, shape = 0.2, 2.0, (2000, 2, MANY)
     rng = np.random.default_rng(seed)
     found = {}
     for ratio in RATIOS:
@@ -276,11 +276,10 @@ def show_left(seed: int) -> None:
             A=np.diag([1.0, fade]), B=np.diag(np.sqrt([period / holds, 1 - fade**2])),
             C=np.ones((1, 2)), D=np.full((1, 1), 1e-3), period=period,
         )  # fmt: skip
-        states = np.zeros((steps, 2))
-        driven = rng.normal(size=(steps, 2)) @ model.B
-        states[:, 0] = np.cumsum(driven[:, 0])
-        for k in range(1, steps):
-            states[k, 1] = fade * states[k - 1, 1] + driven[k, 1]
+        states = np.einsum("ij,sjr->sir", model.B, rng.normal(size=shape))
+        states[0, 1] /= np.sqrt(1 - fade**2)
+        for k in range(1, len(states)):
+            states[k] += model.A @ states[k - 1]
         seen = states.sum(axis=1, keepdims=True)
         off = states - run_kalman(model, seen, initial_covariance=np.diag([1e6, 1.0]))
         found[ratio] = float(np.sqrt(np.mean(off[100:, 0] ** 2)))
