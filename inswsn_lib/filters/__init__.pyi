@@ -6,8 +6,8 @@ from .distributed import (
 from .expected_ratio import (
     MISFIT as MISFIT,
     ErrorStatistics as ErrorStatistics,
-    ExpectedRatio as ExpectedRatio,
     lasting_ratio as lasting_ratio,
+    likely_interval as likely_interval,
 )
 from .federated import federated_covariance as federated_covariance, run_federated as run_federated
 from .hinfinity import (

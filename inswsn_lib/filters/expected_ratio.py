@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,29 +28,24 @@ MISFIT = (0.06, 0.11)
 _NINETY = 1.75  # deviations, by Student's t of so many series
 
 
-class ExpectedRatio(NamedTuple):
-    """What a filter is expected to leave of an error of fixes, and between what in 90 % of cases.
+def likely_interval(ratio: float, misfit: float) -> tuple[float, float, float]:
+    """Return an expected ratio and between what it is in 90 % of cases, by `MISFIT` or another.
 
-    Attributes
+    Parameters
     ----------
-    ratio, low, high : float
+    ratio : float
+        As of `ErrorStatistics.ratios`.
+    misfit : float
+        RMS of the difference of logarithms.
 
     Examples
     --------
-    >>> from inswsn_lib.filters import ExpectedRatio
-    >>> print("{:.2f} {:.2f} {:.2f}".format(*ExpectedRatio.of(0.5, misfit=0.1)))
+    >>> from inswsn_lib.filters import likely_interval
+    >>> print("{:.2f} {:.2f} {:.2f}".format(*likely_interval(0.5, misfit=0.1)))
     0.50 0.42 0.60
     """
-
-    ratio: float
-    low: float
-    high: float
-
-    @classmethod
-    def of(cls, ratio: float, misfit: float) -> ExpectedRatio:
-        """Return a ratio with the interval by the RMS misfit of its logarithm."""
-        wide = math.exp(_NINETY * misfit)
-        return cls(ratio, ratio / wide, ratio * wide)
+    wide = math.exp(_NINETY * misfit)
+    return ratio, ratio / wide, ratio * wide
 
 
 def lasting_ratio(period: float, correlation_time: float, hold_time: float) -> float:

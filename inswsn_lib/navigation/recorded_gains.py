@@ -38,19 +38,20 @@ def judged_by_fixes(recording: Recording) -> Recording:
 
 def noisy(recording: Recording) -> Recording:
     """Return a recording with white errors of 0.1 m more in its fixes, which have no velocities."""
-    fixes = _fixes(recording)
+    fixes = network_of(recording)
     errors = np.random.default_rng(_SEED).normal(size=fixes.position.shape)
-    return replace(recording, ranges=None, fixes=_bare(fixes, fixes.position + _NOISE * errors))
+    worse = Fixes(fixes.time, fixes.position + _NOISE * errors)
+    return replace(recording, ranges=None, fixes=worse)
 
 
 def slower(recording: Recording) -> Recording:
     """Return a recording with a fix each second, or as it is if it has fewer."""
-    fixes = _fixes(recording)
+    fixes = network_of(recording)
     every = round(_SLOW / float(np.median(np.diff(fixes.time))))
     if every < 2:
         raise InswsnError(f"The recording {recording.name} has no more than a fix each second.")
     kept = fixes.kept(np.arange(len(fixes)) % every == 0)
-    return replace(recording, ranges=None, fixes=_bare(kept, kept.position))
+    return replace(recording, ranges=None, fixes=Fixes(kept.time, kept.position))
 
 
 def fewer_anchors(recording: Recording) -> Recording:
@@ -161,14 +162,6 @@ def simulated_gain(ins: Array, network: Array, period: float) -> dict[str, float
         sizes = [np.sqrt(np.mean(np.square(each[second, part]))) for each in (left, network)]
         row |= {f"expected_{of}": ratio, of: float(sizes[0] / sizes[1])}
     return row
-
-
-def _fixes(recording: Recording) -> Fixes:
-    return network_of(recording) if recording.fixes is None else recording.fixes
-
-
-def _bare(fixes: Fixes, position: Array) -> Fixes:
-    return Fixes(time=fixes.time, position=position)
 
 
 def _dop(ranges: Ranges, chosen: tuple[int, ...]) -> float:

@@ -21,17 +21,16 @@ from inswsn_lib.evaluation import autocorrelation
 from inswsn_lib.files import WRITTEN, read_text
 from inswsn_lib.filters import intersect, run_kalman
 from inswsn_lib.inertial import PositionFixes
-from inswsn_lib.logs import Ladder, Outages, calibrate, multilaterate_track
-from inswsn_lib.logs.blocks import interpolate
+from inswsn_lib.logs import Ladder, Outages, multilaterate_track
 from inswsn_lib.logs.correction import COLOURED, TIGHT
-from inswsn_lib.logs.estimates import Estimate, scores, tag_track
+from inswsn_lib.logs.estimates import Estimate, scores
 from inswsn_lib.logs.ladder import FAMILIES, FIXED_LAG, SMOOTHER, difference_model
 from inswsn_lib.logs.network_fixes import UP
 from inswsn_lib.logs.outages import COASTING
 from inswsn_lib.navigation.bridged_outages import Passage
 from inswsn_lib.navigation.hybrid import HybridNavigator, observable_inputs
 from inswsn_lib.navigation.recorded_gains import gains, judged_by_fixes
-from inswsn_lib.streams import Fixes, Ranges, Recording, Whole
+from inswsn_lib.streams import Fixes, Recording, Whole
 
 Tables = dict[str, pd.DataFrame]
 
@@ -62,16 +61,12 @@ _LEARNERS: Mapping[str, tuple[str, Mapping[str, Sequence[float]]]] = {
 _DRAWS = 10  # of the random numbers of learners that are judged
 _FORM = 1
 _LAG = 10.0  # s, to which autocorrelations are taken
-# what a tight filter may assume beside the tuned numbers: errors that soon fade
-_FADING = (0.02, 0.001, 0.05, 0.05, 0.5, 0.02)
-_BOUND = 0.2  # m
 _ALIGNMENTS = (15.0, 20.0, 25.0, 30.0, 40.0)  # s, from which P1's form is started
 # Recordings with a reference, and such whose fixes are RTK's, with the time of alignment, s
 _REFERENCES = {
     "inrol/1": 20.0, "inrol/2": 20.0, "plaza/1": 40.0, "plaza/2": 40.0, "labyrinth/1": 5.0,
 }  # fmt: skip
 _RTK = {"rtklib/walk-0827": 20.0, "rtklib/drive-0708": 60.0}
-_CHOICE = 30.0  # s after the start, by which one of the two is chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -470,11 +465,9 @@ class RecordedStudy:
         clusters = RecordedClusters(self.room)
         found = {
             "errors": self._errors(),
-            "bias": self._biases(),
             "inrol/1": self.room.table(),
             "starts": self._starts(),
             "smoother": self._smoother(),
-            "tight": self._tight(),
             "clusters": clusters.table(),
             "facts": self._facts(clusters),
             "autocorrelation": self._autocorrelations(),
@@ -494,17 +487,6 @@ class RecordedStudy:
         apart = (self.room.network.state - self.room.truth)[rows]
         table = pd.DataFrame(apart, columns=["x", "y", "vx", "vy"])
         return table.assign(time=self.room.fixes.time[rows] - self.room.fixes.time[0])
-
-    def _biases(self) -> pd.DataFrame:
-        """Return the bias of each anchor by the first part and by the rest, m."""
-        recording, split = self.room.recording, self.room.split
-        parts = {"first": recording.part(end=split), "rest": recording.part(begin=split)}
-        columns: dict[str, dict[str, float]] = {}
-        for part, each in parts.items():
-            told = calibrate(each, ["bias"]).told
-            columns[part] = {name: value for name, (value, _) in told.items()}
-            columns[f"{part} deviation"] = {name: sd for name, (_, sd) in told.items()}
-        return pd.DataFrame(columns).sort_index()
 
     def _starts(self) -> pd.DataFrame:
         """Return P1's Kalman filter over the network, by how long its INS is aligned, s."""
@@ -527,66 +509,6 @@ class RecordedStudy:
                 columns = [f"{of}_{end}" for end in ("ratio", "low", "high")]
                 rows[name] |= dict(zip(columns, values, strict=True))
         return pd.DataFrame(rows).T
-
-    def _tight(self) -> pd.DataFrame:
-        """Return the tight filter over the loose one as causes of its errors are taken away.
-
-        What is taken away is known from the reference: these are experiments, not filters.
-        """
-        room, ranges = self.room, self._heard
-        point = calibrate(
-            room.recording.part(end=room.split), ["bias", "lever arm"]
-        ).state.lever_arm
-        true, other = (self._distances(arm) for arm in (room.recording.lever_arm, point))
-        error, left = ranges.distance - true, ranges.distance - other
-        middle = pd.Series(left).groupby(ranges.anchor).transform("median").to_numpy()
-        shuffled = (
-            pd.Series(error)
-            .groupby(ranges.anchor)
-            .transform(lambda each: np.random.default_rng(0).permutation(each.to_numpy()))
-        )
-        kinds = {
-            "as recorded": error,
-            "without what is beyond 0.2 m": np.clip(error, -_BOUND, _BOUND),
-            "also of the point that the ranges see, and without bias": np.clip(
-                left - middle, -_BOUND, _BOUND
-            ),
-            "in another order": shuffled.to_numpy(),
-        }
-        return pd.DataFrame({n: self._tight_row(true + each) for n, each in kinds.items()}).T
-
-    @property
-    def _heard(self) -> Ranges:
-        """The ranges of the room while the IMU is on."""
-        heard = self.room.filters.recording.ranges
-        assert heard is not None
-        return heard
-
-    def _tight_row(self, distance: Array) -> dict[str, float]:
-        """Return the tight filter over the loose one for these ranges, by the likelier of two."""
-        room = self.room
-        heard = replace(self._heard, distance=distance)
-        ladder = replace(room, recording=replace(room.recording, ranges=heard))
-        tight, loose = (ladder.rungs[name].run for name in (TIGHT, COLOURED))
-        told = max(
-            [room.tuned(TIGHT).best, _FADING],
-            key=lambda n: tight(*n, end=ladder.start.time + _CHOICE, kept=False).log_likelihood,
-        )
-        rows, truth = ladder.judged, ladder.truth[ladder.judged]
-        mine, others = (
-            ladder.of(solution).part(rows)
-            for solution in (tight(*told), loose(*room.tuned(COLOURED).best))
-        )
-        row = scores(mine, truth, others.state - truth)
-        kept = {end: row[f"position_{end}"] for end in ("ratio", "low", "high")}
-        return {"position": row["position"], **kept, "correlation time": told[4]}
-
-    def _distances(self, arm: Array) -> Array:
-        """Return the true distances of a point of the body to the anchors that were heard."""
-        ranges = self._heard
-        time, track = tag_track(replace(self.room.recording, lever_arm=arm))
-        place = interpolate(time, track, ranges.time)
-        return np.asarray(np.linalg.norm(place - ranges.anchors[ranges.anchor], axis=1))
 
     def _autocorrelations(self) -> pd.DataFrame:
         """Return those of fix errors along an axis, mean of both, by recording and lag."""

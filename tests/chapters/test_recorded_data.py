@@ -17,6 +17,7 @@ from made_folders import needs
 
 from inswsn_lib import logs
 from inswsn_lib.errors import InswsnError
+from inswsn_lib.filters import MISFIT
 from inswsn_lib.logs.registry import KNOWN
 from inswsn_lib.navigation import read_tables, write_tables
 from inswsn_lib.navigation.recorded_study import Tables
@@ -83,6 +84,13 @@ def test_the_replication_is_as_it_was_committed_and_told(root: Path, results: Re
         count = outcome.count(f"came_of_it: {words}\n".encode())
         assert results[f"replication.{name}"].value == count
     assert results["replication.sentences"].value == plan.count(b"- number:") == 20
+
+
+def test_the_misfit_of_a_report_is_that_of_recordings(kept: Tables) -> None:
+    gains = kept["gains"].astype(float).dropna(subset="hold")
+    for of, misfit in zip(("position", "velocity"), MISFIT, strict=True):
+        off = np.log(gains[f"expected_{of}"] / gains[f"state_{of}"])
+        assert 0.85 < np.sqrt(np.mean(off**2)) / misfit < 1
 
 
 def test_the_network_is_one_in_every_ratio(kept: Tables) -> None:
