@@ -248,18 +248,6 @@ def test_masks_and_gains_that_do_not_fit_are_refused() -> None:
         steady_error(MODEL, np.eye(2))
 
 
-def test_square_roots_are_the_same_filter(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where they are not needed, with noise that is correlated and components that are missing."""
-    rng = np.random.default_rng(8)
-    model, Q, R = random_model(rng, 3, 2), random_covariances(rng, 3), random_covariances(rng, 2)
-    y = rng.normal(size=(15, len(model.C), 6))
-    y[rng.random(y.shape) < 0.4] = np.nan
-    told = {
-        "process_covariance": Q, "measurement_covariance": R, "initial_covariance": np.eye(3),
-    }  # fmt: skip
-    plain = run_kalman(model, y, **told)
-    monkeypatch.setattr(kalman, "_FAR", 0.0)
-    assert run_kalman(model, y, **told) == pytest.approx(plain, rel=1e-9, abs=1e-12)
 
 
 def test_pieces_of_other_runs_are_refused() -> None:

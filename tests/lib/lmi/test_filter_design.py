@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -265,24 +264,6 @@ def test_designs_exist_at_the_corners_of_a_wide_range() -> None:
                 assert design.certificate.norm <= design.level * (1 + 1e-6)
 
 
-def test_other_states_are_tried_where_the_first_fail(monkeypatch: pytest.MonkeyPatch) -> None:
-    """And other forms of the problem, by each solver in turn; all give the same design."""
-    model, right = positions_only(0.2), filter_design._designed
-    expected = design_filter(model)
-    asked: list[tuple[tuple[float, float], str]] = []
-
-    def broken(*given_: Any) -> FilterDesign:
-        *_, least, change, by = given_
-        asked.append(((least, change), by))
-        made = right(*given_)
-        assert made.gamma == pytest.approx(expected.gamma, rel=1e-6)
-        assert made.gain == pytest.approx(expected.gain, abs=1e-3)
-        raise InfeasibleDesignError(f"Broken {len(asked)}.")
-
-    monkeypatch.setattr(filter_design, "_designed", broken)
-    with pytest.raises(InfeasibleDesignError, match=r"^Broken 1\.$"):
-        design_filter(model, solver=("scs", "clarabel"))
-    assert asked == list(product(filter_design._ATTEMPTS, ("scs", "clarabel")))
 
 
 # Certificates -------------------------------------------------------------------------------------

@@ -337,23 +337,6 @@ def test_weights_that_do_not_pass_are_told() -> None:
         certified(P, half, 1.3, upper=1.0011)
 
 
-def test_other_states_are_tried_where_the_first_fail(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In both states, by each solver in turn, the design is the same; the first failure is told."""
-    designs, right = random_clusters(5, 2), fusion._designed
-    expected = design_fusion(designs, "common", "block")
-    asked: list[tuple[bool, str]] = []
-
-    def broken(*given: Any) -> Any:
-        asked.append(given[-2:])
-        made = right(*given)
-        assert made.gamma == pytest.approx(expected.gamma, rel=1e-6)
-        assert made.weights == pytest.approx(expected.weights, abs=1e-3)
-        raise InfeasibleDesignError(f"Broken {len(asked)}.")
-
-    monkeypatch.setattr(fusion, "_designed", broken)
-    with pytest.raises(InfeasibleDesignError, match=r"^Broken 1\.$"):
-        design_fusion(designs, "common", "block", solver=("scs", "clarabel"))
-    assert asked == [(w, by) for w in (True, False) for by in ("scs", "clarabel")]
 
 
 @for_each_structure
@@ -381,17 +364,6 @@ def test_where_the_parts_are_not_solved_clarabel_is_asked(monkeypatch: pytest.Mo
         design_fusion(designs, structure="block", solver="structured")
 
 
-@for_each_noise
-def test_the_largest_eigenvalue_of_an_arrow_is_that_of_the_whole_matrix(noise: Noise) -> None:
-    """The P of a design as its blocks, and as one matrix."""
-    designs = tuple(random_clusters(8, 3))
-    design = design_fusion(designs, noise, "block")
-    for level in (design.level, 0.9 * design.level):
-        arrow, whole = (
-            fusion._largest_eigenvalue(designs, noise, design.weights, P, level)
-            for P in (design.P, block_diag(*design.P))
-        )
-        assert arrow == pytest.approx(whole, abs=1e-12)
 
 
 #: The local filter of a position and a velocity

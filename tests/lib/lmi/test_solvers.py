@@ -78,10 +78,6 @@ def test_what_a_solver_says_is_taken_or_refused(monkeypatch: pytest.MonkeyPatch)
     assert str(caught.value) == said
 
 
-def test_the_order_in_which_solvers_are_asked() -> None:
-    assert in_order("scs") == ("scs",)
-    assert in_order(("scs", "clarabel")) == ("scs", "clarabel")
-    assert in_order(("clarabel", "clarabel", "scs")) == ("clarabel", "scs")
 
 
 @pytest.mark.parametrize("wrong", ["mosek", None, (), ["scs"], ("clarabel", "mosek"), ("scs", 1)])

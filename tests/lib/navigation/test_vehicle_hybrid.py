@@ -357,13 +357,6 @@ def test_the_end_of_the_drive_is_not_known(restart: Any) -> None:
     assert np.array_equal(found.position, again.position)
 
 
-def test_runs_are_what_they_are_alone() -> None:
-    drive, run = driven()
-    machine = hybrid(SelectedLSSVM())
-    found = machine.bridge(drive, run, [START], STEPS)
-    alone = only(drive, [0])
-    again = machine.bridge(alone, run_vehicle_filter(alone, KNOWN), [START], STEPS)
-    assert np.array_equal(found.position[..., :1], again.position)
 
 
 # --- a regressor that has to prove itself ---

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from lib.kernels.both_ways import both as both_ways
 from lib.vehicle.by_pyins import run_by_pyins
 from lib.vehicle.made_drive import (
     KNOWN,
@@ -325,34 +324,6 @@ def test_the_first_update_is_that_of_compass_and_lateral_velocity() -> None:
     assert apart[1] < 1e-6
 
 
-@pytest.mark.parametrize("feedback", [True, False])
-@pytest.mark.parametrize("extra", [(), ("gps", "mounting"), ("mounting", "compass", "gps")])
-def test_it_is_the_same_compiled_and_in_numpy(extra: tuple[str, ...], feedback: bool) -> None:
-    """With gaps, an outlier and an outage; also branches from epochs of their own."""
-    drive, rng = make_drive(12, 3, seed=3), np.random.default_rng(3)
-    told = {name: getattr(drive, name).copy() for name in SENSORS[2:]}
-    for values in told.values():
-        values[1:][rng.random(values[1:].shape) < 0.2] = np.nan
-    told["gps_position"][5], told["compass"][7] = np.nan, 1.0
-    drive, settings = replace(drive, **told), replace(KNOWN, extra=extra, substeps=3)
-
-    def runs() -> tuple[VehicleRun, VehicleRun]:
-        run = run_vehicle_filter(drive, settings, outages=[(8, 10)], feedback=feedback)
-        starts = np.array([[1, 2, 3], [4, 4, 0]])
-        how = {"aiding": True, "gps": True, "feedback": feedback}
-        return run, replay(drive, settings, run, starts, 7, **how)
-
-    for one, two in zip(*both_ways(runs), strict=True):
-        assert off(one, two) < SAME
-        size = np.sqrt(np.diagonal(two.states.covariance, axis1=2, axis2=3))
-        assert np.abs(np.moveaxis(one.first - two.first, 1, 2) / size[..., :3]).max() < SAME
-        spread = np.moveaxis(np.diagonal(two.innovation_covariances, axis1=1, axis2=2), 2, 1)
-        own = np.sqrt(np.where(spread > 0, spread, 1.0))
-        assert one.innovations / own == pytest.approx(two.innovations / own, abs=1e-6, nan_ok=True)
-        apart = one.innovation_covariances - two.innovation_covariances
-        assert np.abs(apart / (own[:, :, None] * own[:, None])).max() < 1e-8
-        assert np.isnan(one.innovations[1:]).any()
-        assert np.isfinite(one.innovations).any()
 
 
 # --- compass and gate, and what is missing ---
