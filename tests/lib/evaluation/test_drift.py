@@ -163,8 +163,6 @@ def test_a_solver_that_fails_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
         drift_bound(MOTIONS[2], SAMPLES)
 
 
-
-
 @pytest.mark.parametrize(
     ("call", "name"),
     [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -115,13 +116,9 @@ def test_it_is_the_recursion_written_out(
         assert patterns_of(y, **links) == sorted(asked)
 
 
-
-
-
-
 def test_weights_of_a_handover_are_those_of_the_clusters_that_are_heard() -> None:
     """The better cluster has more weight, and one that is alone all of it."""
-    model = MODEL.contracted(0.9)
+    model = replace(MODEL, A=0.9 * MODEL.A)
     designs = [design_filter(model.with_covariances(np.eye(4), s * np.eye(4))) for s in (1, 4, 9)]
     options: dict[str, Any] = {"margin": 0.1, "solver": "clarabel"}
     found = handover_weights(designs, iter(PATTERNS), "independent", "block", **options)

@@ -215,8 +215,6 @@ def test_zero_reset_uses_a_step_inside_an_interval_for_itself_only() -> None:
         assert found[k] == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
-
-
 @pytest.mark.parametrize(
     ("name", "changed"),
     [

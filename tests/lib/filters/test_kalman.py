@@ -248,8 +248,6 @@ def test_masks_and_gains_that_do_not_fit_are_refused() -> None:
         steady_error(MODEL, np.eye(2))
 
 
-
-
 def test_pieces_of_other_runs_are_refused() -> None:
     pieces = stream_kalman(MODEL, map(np.ones, [(2, 4, 3), (2, 4)]), initial_covariance=np.eye(4))
     next(pieces)

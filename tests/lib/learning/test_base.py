@@ -48,7 +48,6 @@ def test_it_is_an_estimator(name: str) -> None:
     poor = {"check_regressors_train": "it does not look at its inputs"} if name == "hold" else None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SkipTestWarning)  # of a check that needs a setting of scipy
-        warnings.simplefilter("ignore", UserWarning)  # of torch, of arrays that cannot be written
         check_estimator(ESTIMATORS[name], expected_failed_checks=poor)
 
 

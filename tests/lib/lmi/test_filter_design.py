@@ -264,8 +264,6 @@ def test_designs_exist_at_the_corners_of_a_wide_range() -> None:
                 assert design.certificate.norm <= design.level * (1 + 1e-6)
 
 
-
-
 # Certificates -------------------------------------------------------------------------------------
 
 

@@ -337,8 +337,6 @@ def test_weights_that_do_not_pass_are_told() -> None:
         certified(P, half, 1.3, upper=1.0011)
 
 
-
-
 @for_each_structure
 @for_each_noise
 def test_what_knows_of_the_parts_and_what_does_not_come_to_the_same(
@@ -362,8 +360,6 @@ def test_where_the_parts_are_not_solved_clarabel_is_asked(monkeypatch: pytest.Mo
     assert design_fusion(designs, structure="block").solver == "clarabel"
     with pytest.raises(InfeasibleDesignError, match=r"^It stops\.$"):
         design_fusion(designs, structure="block", solver="structured")
-
-
 
 
 #: The local filter of a position and a velocity

@@ -82,8 +82,6 @@ def test_what_has_no_norm_and_what_has_none_to_speak_of() -> None:
     assert (B.tolist(), C.tolist(), size) == ([[-1.0, 0.5]], [[0.0]], 4.0)
 
 
-
-
 @pytest.mark.parametrize("where", [0.0, 0.7, np.pi])
 def test_the_sweep_finds_a_narrow_peak_where_a_pole_is(where: float) -> None:
     """A bell 1e-6 wide, half a width away from the pole, beside many that are lower."""

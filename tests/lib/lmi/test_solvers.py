@@ -78,8 +78,6 @@ def test_what_a_solver_says_is_taken_or_refused(monkeypatch: pytest.MonkeyPatch)
     assert str(caught.value) == said
 
 
-
-
 @pytest.mark.parametrize("wrong", ["mosek", None, (), ["scs"], ("clarabel", "mosek"), ("scs", 1)])
 def test_a_solver_that_is_none_is_refused(wrong: Any) -> None:
     with pytest.raises(ParameterError, match=r'^solver must be one of "clarabel", "scs"'):

@@ -98,8 +98,6 @@ def test_when_an_outage_begins_those_with_the_same_aids_know_the_same() -> None:
     assert np.array_equal(first, found.bases[False].position[list(STARTS)].transpose(1, 0, 2))
 
 
-
-
 def garbage(drive: Drive, name: str, after: int) -> Drive:
     """Return the drive with other numbers from an epoch's successor on."""
     values = getattr(drive, name).copy()
@@ -188,8 +186,6 @@ def test_some_of_the_filters(filters: tuple[str, ...], bases: set[bool]) -> None
     both = run_outages(driven(), KNOWN, STARTS, STEPS, hybrids(), filters=filters)
     for name in (*filters, *hybrids()):
         assert np.array_equal(both.positions[name], trials().positions[name])
-
-
 
 
 # --- the size of an error ---

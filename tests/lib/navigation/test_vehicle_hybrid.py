@@ -357,8 +357,6 @@ def test_the_end_of_the_drive_is_not_known(restart: Any) -> None:
     assert np.array_equal(found.position, again.position)
 
 
-
-
 # --- a regressor that has to prove itself ---
 
 

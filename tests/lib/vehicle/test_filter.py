@@ -324,8 +324,6 @@ def test_the_first_update_is_that_of_compass_and_lateral_velocity() -> None:
     assert apart[1] < 1e-6
 
 
-
-
 # --- compass and gate, and what is missing ---
 
 

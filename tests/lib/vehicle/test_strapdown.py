@@ -21,12 +21,6 @@ def state(position: np.ndarray, velocity: np.ndarray, attitude: np.ndarray) -> V
     )  # fmt: skip
 
 
-
-
-
-
-
-
 @given(st.integers(0, 2**32 - 1), st.integers(0, 2))
 def test_a_known_error_is_undone(seed: int, extra: int) -> None:
     """INS that is wrong by a known error, corrected by it, is the truth again, not only nearly.
