@@ -104,15 +104,6 @@ def test_data_are_checked_as_scikit_learn_checks_them(X: Any, y: Any, ahead: Any
         np.testing.assert_equal(vars(own), vars(other))
 
 
-def test_plain_arrays_are_told_without_scikit_learn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It would take longer than a prediction."""
-    monkeypatch.setattr("inswsn_lib.learning.base.validate_data", None)
-    for y in (np.arange(2.0), np.ones((2, 3))):
-        assert np.array_equal(
-            HoldRegressor().fit(np.ones((2, 1)), y).predict([[7.0]] * np.ones(1)), y[1:]
-        )
-
-
 def test_names_of_inputs_are_kept_and_missed() -> None:
     frame = pd.DataFrame({"time": [0.0, 1.0]})
     machine = HoldRegressor().fit(frame, [1.0, 2.0])

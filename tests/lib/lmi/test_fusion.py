@@ -351,17 +351,6 @@ def test_what_knows_of_the_parts_and_what_does_not_come_to_the_same(
     assert structured.weights == pytest.approx(general.weights, abs=1e-3)
 
 
-def test_where_the_parts_are_not_solved_clarabel_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
-    def stopped(_: Any) -> Any:
-        raise InfeasibleDesignError("It stops.")
-
-    monkeypatch.setattr(fusion, "solve_arrow", stopped)
-    designs = random_clusters(5, 2)
-    assert design_fusion(designs, structure="block").solver == "clarabel"
-    with pytest.raises(InfeasibleDesignError, match=r"^It stops\.$"):
-        design_fusion(designs, structure="block", solver="structured")
-
-
 #: The local filter of a position and a velocity
 LOCAL = design_filter(
     ErrorModel(A=[[1.0, 0.02], [0.0, 1.0]], B=np.eye(2), C=np.eye(2), D=np.eye(2), period=0.02)

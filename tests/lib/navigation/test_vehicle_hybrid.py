@@ -128,20 +128,6 @@ def test_who_predicts_nothing_is_the_filter(frame: Any) -> None:
     assert np.array_equal(bridge.branch.which, [0, 1, 2, 0, 1, 2])
 
 
-def test_the_better_branch_is_the_one_with_the_true_difference() -> None:
-    """Its own difference from the second module, taken off, gives the second module's position."""
-    drive, run = driven()
-    branch = replay(drive, KNOWN, run, [START], STEPS, aiding=True)
-    second = run.position[START : START + STEPS + 1]
-    size = metres(np.moveaxis(second, 2, 1))
-    truth = (np.moveaxis(branch.first - second, 2, 1) * size)[..., [1, 0]]
-
-    bridge = hybrid(Spy(truth), scaled=False).bridge(drive, run, [START], STEPS, branch=branch)
-    apart = (bridge.position - second) * np.moveaxis(size, 1, 2)
-    assert np.abs(apart[:, :2]).max() < 1e-3
-    assert np.abs((branch.first - second) * np.moveaxis(size, 1, 2))[-1, :2].max() > 0.1
-
-
 # --- simulated outages ---
 
 
@@ -295,14 +281,6 @@ def test_a_start_named_twice_trains_on_each_pair_once() -> None:
     drive, run = driven()
     bridge = hybrid(restart="aligned").bridge(drive, run, [50, 50], 5)
     assert [m.pairs for m in bridge.machines] == [10] * 6
-
-
-@pytest.mark.parametrize("restart", ["successive", "aligned", "bank"])
-def test_starts_do_not_disturb_each_other(restart: Any) -> None:
-    drive, run = driven()
-    machine = hybrid(SelectedLSSVM(), restart=restart)
-    both, alone = (machine.bridge(drive, run, starts, STEPS) for starts in ([47, START], [47]))
-    assert np.array_equal(both.position[:, :, :3], alone.position)
 
 
 def altered(drive: Drive, since: int) -> Drive:

@@ -121,13 +121,6 @@ def test_it_is_the_filter_of_pyins(aiding: bool) -> None:
     assert np.rad2deg(own[:, 8]) == pytest.approx(spread.heading.to_numpy(), rel=close)
 
 
-@pytest.mark.filterwarnings("ignore")  # of pyins
-def test_from_a_moving_start_it_is_the_filter_of_pyins_within_5_cm() -> None:
-    drive = on_the_way(make_drive(40, 1, seed=4), 14)
-    assert np.linalg.norm(drive.reference.velocity[0]) > 8
-    assert np.linalg.norm(both(drive, KNOWN)[2], axis=1).max() < 0.05
-
-
 # --- the filter against what is known of the drive ---
 
 
