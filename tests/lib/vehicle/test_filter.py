@@ -212,13 +212,6 @@ def test_an_outage_is_a_replay_is_missing_data(feedback: bool, aided: bool) -> N
     assert off(outage, run, stop - 1, stop - 1) > 0.1
 
 
-def test_a_replay_with_gps_is_the_run_itself() -> None:
-    run = eight_run()
-    branch = replay(eight(), KNOWN, run, [20], 10, aiding=True, gps=True)
-    assert off(run, branch, slice(20, 31)) < SAME
-    assert run.innovations[21:31] == pytest.approx(branch.innovations[1:], rel=1e-6, abs=1e-11)
-
-
 def test_a_replay_with_feedback_begins_by_it() -> None:
     """Of a run in open loop, whose INS is corrected where the replay starts."""
     run = run_vehicle_filter(eight(), KNOWN, feedback=False, last=20)
