@@ -1,4 +1,4 @@
-"""The LS-SVM against a case solved by hand, its optimality conditions, and another library."""
+"""The LS-SVM against its linear system, its optimality conditions, and kernels of a library."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from sklearn.kernel_ridge import KernelRidge
 from sklearn.metrics.pairwise import polynomial_kernel, rbf_kernel
 
 from inswsn_lib.errors import ParameterError
@@ -41,19 +40,6 @@ def test_a_tiny_width_and_a_rank_raise_no_warning() -> None:
         LSSVMRegressor(1e-150, 1.0, degree=3, rank=5).fit(X, y)
 
 
-def test_three_points_by_hand() -> None:
-    """Linear kernel, x = -1, 0, 1, y = 0, 1, 5, eta = 1.
-
-    The mean of x is zero, so b is the mean of y, 2, and the slope is x'y / (x'x + 1/eta) = 5/3;
-    the multipliers are the residuals times eta.
-    """
-    X, y = np.array([[-1.0], [0.0], [1.0]]), np.array([0.0, 1.0, 5.0])
-    machine = LSSVMRegressor(eta=1.0, kernel="linear").fit(X, y)
-    assert machine.bias_ == pytest.approx([2])
-    assert machine.predict([[3.0]]) == pytest.approx([2 + 3 * 5 / 3])
-    assert machine.alpha_[:, 0] == pytest.approx(y - 2 - 5 / 3 * X[:, 0])
-
-
 @given(
     st.integers(0, 10**6), st.floats(0.1, 10), st.floats(1e-3, 1e3), st.sampled_from(KERNELS),
     st.integers(1, 3),
@@ -68,16 +54,6 @@ def test_the_optimality_conditions_hold(
     assert np.abs(machine.alpha_.sum(axis=0)).max() < 1e-9 * size * len(X)
     residual = y - machine.predict(X)
     assert machine.alpha_ == pytest.approx(eta * residual, abs=1e-6 * (eta + size))
-
-
-@given(st.integers(0, 10**6), st.floats(0.3, 5), st.floats(0.01, 100))
-def test_with_its_bias_taken_out_it_is_kernel_ridge(seed: int, sigma: float, eta: float) -> None:
-    X, y = data(seed)
-    machine = LSSVMRegressor(sigma, eta).fit(X, y)
-    ridge = KernelRidge(alpha=1 / eta, kernel="rbf", gamma=1 / (2 * sigma**2))
-    ridge.fit(X, y - machine.bias_)
-    new = data(seed + 1)[0]
-    assert machine.predict(new) == pytest.approx(ridge.predict(new) + machine.bias_, abs=1e-8)
 
 
 def test_a_kernel_that_is_singular_to_rounding_is_told() -> None:

@@ -337,20 +337,6 @@ def test_weights_that_do_not_pass_are_told() -> None:
         certified(P, half, 1.3, upper=1.0011)
 
 
-@for_each_structure
-@for_each_noise
-def test_what_knows_of_the_parts_and_what_does_not_come_to_the_same(
-    noise: Noise, structure: Structure
-) -> None:
-    designs = random_clusters(31, 3)
-    structured, general = (
-        design_fusion(designs, noise, structure, solver=by) for by in ("structured", "clarabel")
-    )
-    assert (structured.solver, general.solver) == ("structured", "clarabel")
-    assert structured.gamma == pytest.approx(general.gamma, rel=1e-6)
-    assert structured.weights == pytest.approx(general.weights, abs=1e-3)
-
-
 #: The local filter of a position and a velocity
 LOCAL = design_filter(
     ErrorModel(A=[[1.0, 0.02], [0.0, 1.0]], B=np.eye(2), C=np.eye(2), D=np.eye(2), period=0.02)

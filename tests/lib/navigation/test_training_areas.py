@@ -113,24 +113,6 @@ def test_a_bias_drifts_with_the_time_that_the_path_takes() -> None:
                 )
 
 
-@pytest.mark.parametrize(
-    ("name", "sensor", "columns", "values"),
-    [
-        ("inertial_scale", "ins", slice(4), (0.1, 0.2)),
-        ("range_noise", "wsn", slice(2), (0.05, 0.1)),
-        ("velocity_noise", "wsn", slice(2, 4), (0.1, 0.2)),
-    ],
-)
-def test_small_errors_grow_in_proportion(
-    name: str, sensor: str, columns: slice, values: tuple[float, float]
-) -> None:
-    small, large = (areas(runs=20, **QUIET, **{name: value}).drawn[sensor] for value in values)
-    for a in AREAS:
-        sizes = [np.abs(drawn[a][:, columns]).mean(axis=(0, 2)) for drawn in (small, large)]
-        # the heading of an INS multiplies its other errors: a tenth at this size
-        np.testing.assert_allclose(sizes[1], 2 * sizes[0], rtol=0.15)
-
-
 def test_all_methods_are_judged_where_the_network_has_a_fix() -> None:
     # nodes 8 m apart: there are samples without a fix, at the beginning, too
     spaced = with_values(areas().published, spacing=8.0)
