@@ -1,4 +1,4 @@
-"""Informations side by side: inverses against LAPACK, and what is too large to be kept."""
+"""Informations side by side: what is too large to be kept, and what is refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The recorded drive: made files that are read, the original ones, and how they are had."""
+"""The recorded drive: made files that are read, and how the original ones are had."""
 
 from __future__ import annotations
 
@@ -48,9 +48,6 @@ def test_the_axes_are_forward_right_down(tmp_path: Path, monkeypatch: pytest.Mon
         x, y, z = np.transpose(logged.pop(name))
         assert np.array_equal(found.pop(name), np.column_stack([-x, y, -z]))
     np.testing.assert_equal(found, logged)
-
-
-# --- the original files ---
 
 
 # --- where the files are ---

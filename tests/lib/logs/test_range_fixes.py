@@ -1,4 +1,4 @@
-"""Fixes of ranges and their velocities, against closed forms, scipy and polyfit."""
+"""Fixes of ranges and their velocities, against closed forms and polyfit."""
 
 from __future__ import annotations
 
