@@ -1,4 +1,4 @@
-"""What is found in a recording: nothing in the example; mistakes are in `trials.test_recordings`."""
+"""What is found in a recording: nothing in the example; `trials.test_recordings` has mistakes."""
 
 from __future__ import annotations
 
