@@ -337,6 +337,17 @@ def test_weights_that_do_not_pass_are_told() -> None:
         certified(P, half, 1.3, upper=1.0011)
 
 
+def test_where_the_parts_are_not_solved_clarabel_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    def stopped(_: Any) -> Any:
+        raise InfeasibleDesignError("It stops.")
+
+    monkeypatch.setattr(fusion, "solve_arrow", stopped)
+    designs = random_clusters(5, 2)
+    assert design_fusion(designs, structure="block").solver == "clarabel"
+    with pytest.raises(InfeasibleDesignError, match=r"^It stops\.$"):
+        design_fusion(designs, structure="block", solver="structured")
+
+
 #: The local filter of a position and a velocity
 LOCAL = design_filter(
     ErrorModel(A=[[1.0, 0.02], [0.0, 1.0]], B=np.eye(2), C=np.eye(2), D=np.eye(2), period=0.02)
