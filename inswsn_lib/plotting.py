@@ -17,9 +17,8 @@ import pandas as pd
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FormatStrFormatter, LogLocator, PercentFormatter
+from matplotlib.ticker import FormatStrFormatter, LogLocator
 
-from inswsn_lib.checks import Array
 from inswsn_lib.errors import ParameterError
 
 #: The colours, by what they stand for in every chapter.
@@ -143,23 +142,6 @@ def stroke(method: str, dashes: str | None = None) -> dict[str, Any]:
     return {"color": colour, "ls": dashes or ((0, own) if own else "-")}
 
 
-def percent_axis(axes: Axes, which: str = "x") -> None:
-    """Write the ticks of an axis, ``"x"`` or ``"y"``, as per cent.
-
-    Examples
-    --------
-    >>> from matplotlib import pyplot as plt
-    >>> import inswsn_lib as iw
-    >>> fig, axes = iw.plotting.figure()
-    >>> iw.plotting.percent_axis(axes, "y")
-    >>> axes.yaxis.get_major_formatter()(25)
-    '25%'
-    >>> plt.close(fig)
-    """
-    axis = axes.xaxis if which == "x" else axes.yaxis
-    axis.set_major_formatter(PercentFormatter(decimals=0))
-
-
 def draw_scores(
     frame: pd.DataFrame,
     axes: Mapping[str, str],
@@ -223,37 +205,6 @@ def draw_scores(
     for row in grid:
         row[0].set_ylabel(_labelled(headline, shown["unit"].iloc[0]))
     fig.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
-    return fig
-
-
-def draw_tracks(tracks: Mapping[str, Array], *, height: float = 4.5) -> Figure:
-    """Draw tracks on a plane with equal scales, one line each.
-
-    Parameters
-    ----------
-    tracks : mapping of str to ndarray, (rows, 2)
-        Words of the legend, and positions, m; a line has a gap where they are NaN.
-    height : float
-        Of the figure, inches.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from matplotlib import pyplot as plt
-    >>> import inswsn_lib as iw
-    >>> fig = iw.plotting.draw_tracks({"east": np.array([[0.0, 0.0], [5.0, 0.0]])})
-    >>> fig.axes[0].get_aspect(), fig.axes[0].get_lines()[0].get_label()
-    (1.0, 'east')
-    >>> plt.close(fig)
-    """
-    fig, axes = figure(height=height)
-    strokes = itertools.cycle(_STROKES)
-    for (label, track), (name, style) in zip(tracks.items(), strokes, strict=False):
-        axes.plot(*np.asarray(track).T, style, color=COLOURS[name], lw=1.3, label=label)
-    axes.set_aspect("equal")
-    axes.set_xlabel("x (m)")
-    axes.set_ylabel("y (m)")
-    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return fig
 
 

@@ -13,7 +13,6 @@ from .error_state import (
     run_error_state as run_error_state,
 )
 from .observations import (
-    Headings as Headings,
     Innovation as Innovation,
     Observation as Observation,
     PositionFixes as PositionFixes,

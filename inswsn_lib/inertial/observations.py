@@ -11,7 +11,6 @@ import numpy as np
 
 from inswsn_lib.checks import Array
 from inswsn_lib.inertial import sensors
-from inswsn_lib.inertial.earth import Earth
 from inswsn_lib.inertial.plain import expected, wrapped
 from inswsn_lib.streams import Fixes, Ranges, Whole
 
@@ -418,68 +417,6 @@ class WheelSpeeds(_Observed):
         told = np.column_stack([self.speed, np.zeros((len(self.speed), 2))])
         data = np.column_stack([self.axes, np.zeros((3, 3)), np.full(3, -1.0)])
         return _table(sensors.body_velocity, told, self.white, data)
-
-
-@dataclass(frozen=True, eq=False)
-class Headings(_Observed):
-    """Headings by a compass, or by two antennas, which may have a constant bias.
-
-    Attributes
-    ----------
-    time : ndarray, (rows,)
-        s.
-    heading : ndarray, (rows,)
-        Of an axis of the body against x (east) to the left, rad; NaN where missing.
-    white : float or ndarray, (rows,)
-        Standard deviation, rad.
-    axis : ndarray, (3,)
-        In the body.
-    bias : float
-        Standard deviation of a constant bias, rad; 0 for none.
-    earth : Earth, optional
-        That of the motion: then east and north are those of the place.
-    gate : float
-        A heading the square of whose innovation is more than this many times its variance is left
-        out.
-
-    Examples
-    --------
-    A body that looks 0.1 rad too far to the right:
-
-    >>> import numpy as np
-    >>> from inswsn_lib import inertial as nav
-    >>> compass = nav.Headings(np.ones(1), np.array([0.1]), white=0.01)
-    >>> thought = nav.InertialState(np.zeros(3), np.zeros(3), np.eye(3))
-    >>> got = compass.innovation(0, thought, own=np.zeros(0))
-    >>> got.value.tolist(), got.rows[0, 6:9].tolist()
-    ([0.1], [0.0, 0.0, 1.0])
-    """
-
-    time: Array
-    heading: Array
-    white: float | Array
-    axis: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
-    bias: float = 0.0
-    earth: Earth | None = None
-    gate: float = np.inf
-
-    @property
-    def initial(self) -> Array:
-        """The variance of the bias."""
-        return np.array([self.bias**2] * bool(self.bias))
-
-    @property
-    def components(self) -> Components:
-        """The measurements as a table.
-
-        :meta private:
-        """
-        numbers = np.zeros(4) if self.earth is None else self.earth.numbers
-        data = np.concatenate([self.axis, numbers, [float(bool(self.bias)) - 1, -1.0]])[None]
-        white = np.reshape(self.white, (-1, 1))
-        return _table(
-            sensors.heading, self.heading[:, None], white, data, gate=self.gate, period=2 * np.pi
-        )
 
 
 def _table(

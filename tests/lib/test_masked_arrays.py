@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import inswsn_lib as iw
-from inswsn_lib.evaluation import cluster_mean, largest_error
+from inswsn_lib.evaluation import cluster_mean
 from inswsn_lib.navigation.vehicle_outages import as_starts
 from inswsn_lib.simulation import coloured
 from inswsn_lib.streams import Fixes, Imu, Ranges
@@ -58,8 +58,6 @@ FILTERS: dict[str, Callable[[Any], Any]] = {
     "noise": lambda y: np.stack(iw.fit_noise(EYE, np.ones((12, 4, 3)), y[0])),
     "squares": lambda y: iw.normalised_squares(y[0], EYE),
     "mean": lambda y: iw.mean_absolute_error(y[0]),
-    "root mean square": lambda y: iw.root_mean_square_error(y[0]),
-    "largest": lambda y: largest_error(y[0]),
     "spread": lambda y: iw.spread(np.ma.reshape(y[0][:10], (2, -1))),
     "patterns": lambda y: np.array(sorted(iw.patterns_of(y)), float),
     "coloured": lambda y: coloured(y[0], 0.2, 1.0),

@@ -12,6 +12,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation
 
 from inswsn_lib import inertial as nav
+from inswsn_lib.inertial import sensors
 from inswsn_lib.inertial.mechanization import GRAVITY
 from inswsn_lib.streams import Fixes, Imu, Ranges
 
@@ -196,3 +197,11 @@ def off_by(start: nav.Start, true: Rotation) -> Array:
     error = found @ Rotation.from_matrix(true.as_matrix().T @ found).as_rotvec()
     turn = found @ start.covariance[6:9, 6:9] @ found.T
     return np.asarray(error / np.sqrt(np.diag(turn)))
+
+
+def compass(time: Array, heading: Array, white: float, earth: nav.Earth, **more: Any) -> nav.Sensor:
+    """Return headings of the body's forward axis; with deviations the first of them is a bias."""
+    own = 0 if "deviations" in more else -1
+    data = np.array([[1.0, 0.0, 0.0, *earth.numbers, own, -1]])
+    told = heading[:, None], np.array([white]), data
+    return nav.Sensor(sensors.heading, time, *told, period=2 * np.pi, **more)

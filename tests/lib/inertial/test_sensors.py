@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from lib.inertial.made import LEVER_ARM, Path, fixes_of, motion_on
+from lib.inertial.made import LEVER_ARM, Path, compass, fixes_of, motion_on
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -122,7 +122,7 @@ def test_each_measurement_may_have_its_own_deviation() -> None:
 def test_a_gate_may_be_of_one_sensor_alone() -> None:
     motion, start, fixes = case()
     headings = np.where(np.arange(len(fixes)) % 5, 0.6 * fixes.time, 3.0)
-    seen = nav.Headings(fixes.time, headings, 0.05, earth=EARTH, gate=25.0)
+    seen = compass(fixes.time, headings, 0.05, EARTH, gate=25.0)
     false = Fixes(fixes.time, fixes.position + (np.arange(len(fixes)) == 30)[:, None])
     fixed = nav.PositionFixes(false, LEVER_ARM, np.full(3, 0.1))
     found = nav.run_error_state(motion, start, [fixed, seen])
@@ -134,15 +134,16 @@ def test_a_gate_may_be_of_one_sensor_alone() -> None:
 def test_a_start_may_share_errors_with_the_sensors_own_states() -> None:
     """A compass that made the heading: the same again says nothing new of their common bias."""
     motion, start, fixes = case()
-    compass = nav.Headings(fixes.time[:1], 0.6 * fixes.time[:1], 1e-3, bias=0.1, earth=EARTH)
+    bias = {"deviations": np.array([0.1]), "times": np.array([np.inf])}
+    seen = compass(fixes.time[:1], 0.6 * fixes.time[:1], 1e-3, EARTH, **bias)
     P = np.zeros((16, 16))
     P[:15, :15] = start.covariance
     about = start.state.attitude[2]  # the vertical, in the body
     P[6:9, 6:9], P[15, 15] = 0.01 * np.outer(about, about) + 1e-10 * np.eye(3), 0.01
     P[6:9, 15] = P[15, 6:9] = -0.01 * about
     shared = nav.Start(0.0, start.state, P)
-    found = nav.run_error_state(motion, shared, [compass])
+    found = nav.run_error_state(motion, shared, [seen])
     after = found.covariances[0]
     assert about @ after[6:9, 6:9] @ about == pytest.approx(0.01, rel=0.01)
-    blind = nav.run_error_state(motion, nav.Start(0.0, start.state, P[:15, :15]), [compass])
+    blind = nav.run_error_state(motion, nav.Start(0.0, start.state, P[:15, :15]), [seen])
     assert about @ blind.covariances[0][6:9, 6:9] @ about == pytest.approx(0.005, rel=0.01)

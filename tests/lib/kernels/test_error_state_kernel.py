@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from lib.inertial.made import ANCHORS, LEVER_ARM, Path, imu_of
+from lib.inertial.made import ANCHORS, LEVER_ARM, Path, compass, imu_of
 from lib.kernels.both_ways import both
 
 from inswsn_lib import inertial as nav
@@ -50,7 +50,10 @@ def inertial(seed: int) -> tuple[Any, nav.Start, list[Any], dict[str, Any]]:
     observed = [
         fixes, ranges, nav.Velocities(t[::5], moved, np.full(3, 0.1)),
         nav.WheelSpeeds(t[::5], wheels, np.eye(3)[[1, 2, 0]], np.array([0.3, 2.0, 2.0])),
-        nav.Headings(t[::4], path.heading(t[::4]), 0.05, bias=0.1, earth=EARTH),
+        compass(
+            t[::4], path.heading(t[::4]), 0.05, EARTH,
+            deviations=np.array([0.1]), times=np.array([np.inf]),
+        ),
         nav.Sensor(
             height, t[::3], path.antenna(t[::3])[:, 2:], np.array([0.1]), np.array([[2.0]]),
             np.ones(1), np.array([30.0]), LEVER_ARM,

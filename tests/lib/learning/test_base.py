@@ -48,7 +48,6 @@ def test_it_is_an_estimator(name: str) -> None:
     poor = {"check_regressors_train": "it does not look at its inputs"} if name == "hold" else None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SkipTestWarning)  # of a check that needs a setting of scipy
-        warnings.simplefilter("ignore", UserWarning)  # of torch, of arrays that cannot be written
         check_estimator(ESTIMATORS[name], expected_failed_checks=poor)
 
 
@@ -103,15 +102,6 @@ def test_data_are_checked_as_scikit_learn_checks_them(X: Any, y: Any, ahead: Any
         found, expected = (outcome(getattr(machine, name), *data) for machine in (own, other))
         np.testing.assert_equal(found, expected)
         np.testing.assert_equal(vars(own), vars(other))
-
-
-def test_plain_arrays_are_told_without_scikit_learn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It would take longer than a prediction."""
-    monkeypatch.setattr("inswsn_lib.learning.base.validate_data", None)
-    for y in (np.arange(2.0), np.ones((2, 3))):
-        assert np.array_equal(
-            HoldRegressor().fit(np.ones((2, 1)), y).predict([[7.0]] * np.ones(1)), y[1:]
-        )
 
 
 def test_names_of_inputs_are_kept_and_missed() -> None:

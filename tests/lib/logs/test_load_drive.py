@@ -1,4 +1,4 @@
-"""The recorded drive: made files that are read, the original ones, and how they are had."""
+"""The recorded drive: made files that are read, and how the original ones are had."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pooch
 import pytest
 import requests
 from inswsn_book.record.files import file_digest
-from made_folders import make_rtklib, needs, values_of
+from made_folders import make_rtklib, values_of
 from numpy.typing import NDArray
 
 from inswsn_lib.errors import InswsnError
@@ -21,15 +21,11 @@ from inswsn_lib.logs import RecordingUnavailableError, load_drive
 from inswsn_lib.logs.files import locate
 from inswsn_lib.logs.registry import KNOWN
 from inswsn_lib.logs.rtklib import read_rtklib
-from inswsn_lib.simulation import Drive
-from inswsn_lib.streams import Fixes
-from inswsn_lib.vehicle import emulate_sensors
 
 Array = NDArray[np.float64]
 NAME = "rtklib/drive-0708"
 IMU, TAG, POSITIONS = NAMES = ("imu_1934.csv", "imu_1934.csv.tag", "gnss_1934_sf.pos")
 MIRROR = "rtklibexplorer__GNSS_IMU/8235ee6c5f349db529bf43ad556a3769b346b5a1/data/drive_0708"
-G0 = 9.80665
 
 
 def take(monkeypatch: pytest.MonkeyPatch, *paths: Path) -> None:
@@ -52,54 +48,6 @@ def test_the_axes_are_forward_right_down(tmp_path: Path, monkeypatch: pytest.Mon
         x, y, z = np.transpose(logged.pop(name))
         assert np.array_equal(found.pop(name), np.column_stack([-x, y, -z]))
     np.testing.assert_equal(found, logged)
-
-
-# --- the original files ---
-
-needs_recording = needs(NAME)
-
-
-@pytest.fixture(scope="module")
-def drive() -> tuple[Drive, Fixes]:
-    """What is emulated of the recording, and its fixes by the clock of that."""
-    recording = load_drive()
-    since = replace(recording.fixes, time=recording.fixes.time - 1752003261.999)
-    return emulate_sensors(recording, runs=1, seed=0), since.part(-0.01, 545.01)
-
-
-@needs_recording
-def test_the_car_stands_first(drive: tuple[Drive, Fixes]) -> None:
-    """Until 19:34:57: up is against down, and a cheap accelerometer has some per cent."""
-    emulated, fixes = drive
-    speed, time = np.hypot(*fixes.velocity[:, :2].T), fixes.time
-    assert speed[time < 34.5].max() < 0.1
-    assert 35.0 <= time[np.argmax(speed > 0.5)] <= 35.5
-    force = emulated.velocity_increments[:3400, :, 0].mean(axis=0) / emulated.period
-    assert np.linalg.norm(force) == pytest.approx(G0, rel=0.02)
-    assert force[2] < -0.99 * G0
-    assert np.abs(np.rad2deg(emulated.rotation_increments[:3400].mean(axis=0) / 0.01)).max() < 0.3
-
-
-@needs_recording
-@pytest.mark.parametrize("part", [(40, 180), (180, 360), (360, 520)])
-def test_imu_and_rtk_have_one_clock_early_and_late(
-    drive: tuple[Drive, Fixes], part: tuple[int, int]
-) -> None:
-    """The gain of speed, forwards as the IMU felt it and as RTK saw it, in steps of 0.25 s."""
-    ends = 0.01 * np.arange(54501)
-    felt = np.concatenate([[0.0], np.cumsum(drive[0].velocity_increments[:, 0, 0])])
-    time, speed = drive[1].time, np.hypot(*drive[1].velocity[:, :2].T)
-    inside = (time > part[0]) & (time < part[1]) & (speed > 1.5)
-
-    def without_slope(gain: Array) -> Array:  # that of the road is slow
-        return gain - np.convolve(gain, np.full(21, 1 / 21), "same")
-
-    def likeness(lag: float) -> float:
-        gain = without_slope(np.diff(np.interp(time + lag, ends, felt)))
-        return float(np.corrcoef(gain[inside[1:]], without_slope(np.diff(speed))[inside[1:]])[0, 1])
-
-    lags = 0.01 * np.arange(-20, 21)
-    assert abs(lags[np.argmax([likeness(lag) for lag in lags])]) < 0.025
 
 
 # --- where the files are ---

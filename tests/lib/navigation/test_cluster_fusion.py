@@ -1,14 +1,12 @@
-"""The core of p2-fusion: what the chapter published, and filters whose answers are known."""
+"""The core of p2-fusion: filters whose answers are known."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from inswsn_book.record.results import read_results
 from scipy.linalg import block_diag
 
 from inswsn_lib.errors import ParameterError
@@ -37,25 +35,6 @@ def chosen() -> ClusterFusion:
     there = fusion(runs=8)
     vars(there)["chosen"] = CHOSEN
     return there
-
-
-@pytest.mark.whole  # the chapter calls it, and a build is held to what is published
-def test_it_computes_what_the_chapter_published_with_the_same_trials_for_all(root: Path) -> None:
-    published = read_results(root / "data" / "published" / "p2-fusion.json")
-    there = ClusterFusion()
-    found = there.scores()
-    assert found.runs == published.parameters["runs"]
-    compared = [q for q in published.quantities if q.name.removeprefix("fair.") in found.values]
-    assert len(compared) > 2
-    for quantity in compared:
-        median = np.median(found.values[quantity.name.removeprefix("fair.")])
-        assert median == pytest.approx(quantity.value, abs=quantity.tolerance), quantity.name
-        assert quantity.unit == found.columns[quantity.name.split(".")[-1]]
-    for search in there.tuned.values():
-        assert search.trials <= cluster_fusion.TRIALS
-        assert search.settled or search.trials == cluster_fusion.TRIALS
-    for name in ("dhf", "hf-centralised"):  # the margin is tuned, too
-        assert len({candidate[3] for candidate in there.tuned[name].candidates}) > 1
 
 
 def test_what_is_assumed_at_the_start_follows_the_scene() -> None:

@@ -6,10 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_folders import needs
 from made_recording import made, made_imu, motion
 
-from inswsn_lib import logs
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.learning import LSSVMRegressor
 from inswsn_lib.logs import Ladder, Outages
@@ -179,12 +177,3 @@ def test_two_clusters_with_independent_errors_are_fused_as_theory_says() -> None
     assert 0.7 < table.loc["weighted, as if independent", "nees"] < 1.4
     assert table.loc["covariance intersection", "nees"] < 1.2
     assert table.loc["all anchors at once", "position_ratio"] == 1.0
-
-
-@needs("inrol/1")
-def test_in_recorded_outages_the_learners_are_worse_than_a_filter_that_coasts() -> None:
-    outages = RecordedOutages(on_fixes(logs.load("inrol/1")), every=8.0)
-    few = {name: settings[::59] for name, settings in outages.choices.items()}
-    vars(outages)["choices"] = few
-    table = outages.table((10.0,), "coasting filter")
-    assert min(table.loc[f"P1's {name}", "ratio 10 s"] for name in ("LS-SVM", "BP network")) > 1

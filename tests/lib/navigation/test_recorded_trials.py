@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +12,6 @@ from lib.vehicle.made_drive import KNOWN, driven, logged
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from inswsn_lib.errors import InswsnError
 from inswsn_lib.inertial import metres
 from inswsn_lib.learning import HoldRegressor
 from inswsn_lib.navigation import RecordedTrials, VehicleHybrid, read_trials, run_recorded_outages
@@ -77,29 +74,6 @@ def test_what_is_kept_comes_back_to_the_millimetre(tmp_path: Path) -> None:
     path.write_text(found.to_json(**facts), encoding="utf-8")
     again, _ = read_trials(path)
     assert all(np.array_equal(x, arrays_of(found)[name]) for name, x in arrays_of(again).items())
-
-
-WRONG: dict[str, Any] = {
-    "form": 7, "starts": ["a"], "errors": {"never": [[1], [1, 2]]}, "tracks": [1],
-    "ladder": [1], "reference": [[1, 2], [1]], "speed": ["a"], "mounting": "ab", "facts": 3,
-}  # fmt: skip
-
-
-def test_another_file_is_refused(tmp_path: Path) -> None:
-    """None, a folder, no text, no JSON, one that is cut, or that lacks something or has another."""
-    path = tmp_path / "trials.json"
-    whole = json.loads(some_trials().to_json())
-    texts = ["[]", "null", "no: json", some_trials().to_json()[:-9]]
-    texts += [json.dumps(whole | {name: value}) for name, value in WRONG.items()]
-    texts += [json.dumps({k: v for k, v in whole.items() if k != name}) for name in WRONG]
-    contents = [text.encode() for text in texts] + [b"\xff\xfe\x00{"]
-    for content in contents:
-        path.write_bytes(content)
-        with pytest.raises(InswsnError, match=r"json does not hold the trials .*drive\.$"):
-            read_trials(path)
-    for missing in (tmp_path, tmp_path / "none.json"):
-        with pytest.raises(InswsnError, match="does not hold the trials"):
-            read_trials(missing)
 
 
 # --- the outages ---

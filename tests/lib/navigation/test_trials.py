@@ -98,18 +98,6 @@ def test_when_an_outage_begins_those_with_the_same_aids_know_the_same() -> None:
     assert np.array_equal(first, found.bases[False].position[list(STARTS)].transpose(1, 0, 2))
 
 
-def test_covariances_are_not_kept() -> None:
-    """They would take six sevenths of the memory, and nothing reads them after the trials."""
-    found = trials()
-    for run in (*found.bases.values(), *found.branches.values()):
-        assert run.states.covariance.shape == (*run.epochs.shape[:1], len(run.which), 15, 15)
-        assert np.isnan(run.states.covariance).all()
-        assert np.isnan(run.innovation_covariances).all()
-        kept = [getattr(run.states, name) for name in ("position", "attitude", "gyro_drift")]
-        assert all(np.isfinite(values).all() for values in (run.first, *kept))
-    assert all(b.branch in found.branches.values() for b in found.bridges.values())
-
-
 def garbage(drive: Drive, name: str, after: int) -> Drive:
     """Return the drive with other numbers from an epoch's successor on."""
     values = getattr(drive, name).copy()
@@ -198,19 +186,6 @@ def test_some_of_the_filters(filters: tuple[str, ...], bases: set[bool]) -> None
     both = run_outages(driven(), KNOWN, STARTS, STEPS, hybrids(), filters=filters)
     for name in (*filters, *hybrids()):
         assert np.array_equal(both.positions[name], trials().positions[name])
-
-
-def test_hybrids_with_the_same_simulated_outages_share_them() -> None:
-    pair = {
-        "linear": VehicleHybrid(KNOWN, LinearRegression(), **SHORT),
-        "hold": VehicleHybrid(KNOWN, HoldRegressor(), **(SHORT | {"window": 30})),
-        "shorter": VehicleHybrid(KNOWN, HoldRegressor(), tau=5, window=20),
-        "body": VehicleHybrid(KNOWN, HoldRegressor(), frame="body", **SHORT),
-    }
-    ramps = run_outages(driven(), KNOWN, [40], 5, pair).ramps
-    assert ramps["linear"] is ramps["hold"]
-    assert ramps["shorter"].elapsed.max() == 5
-    assert not np.allclose(ramps["body"].difference, ramps["hold"].difference)
 
 
 # --- the size of an error ---

@@ -1,14 +1,12 @@
-"""The core of p3-vehicle: what the chapter published, and methods whose errors are known."""
+"""The core of p3-vehicle: methods whose errors are known."""
 
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from inswsn_book.record.results import read_results
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.navigation import VehicleOutages, run_outages, with_aids, with_wheels
@@ -25,20 +23,6 @@ def coarse(changes: dict[str, Any] | None = None, **values: Any) -> VehicleOutag
 @cache
 def outages() -> VehicleOutages:
     return coarse()
-
-
-@pytest.mark.whole
-def test_it_computes_what_the_chapter_published(root: Path) -> None:
-    published = read_results(root / "data" / "published" / "p3-vehicle.json")
-    found = VehicleOutages().scores()
-    ratios = {f"methods.{method}": (method, "through") for method in found.methods}
-    ratios["factor.through-never"] = ("through", "never")
-    compared = [quantity for quantity in published.quantities if quantity.name in ratios]
-    assert len(compared) > 2
-    for quantity in compared:
-        over, under = (found.of(method) for method in ratios[quantity.name])
-        ratio = np.exp(np.log(over / under).mean())
-        assert ratio == pytest.approx(quantity.value, abs=quantity.tolerance), quantity.name
 
 
 def test_aids_that_say_nothing_are_no_aids() -> None:

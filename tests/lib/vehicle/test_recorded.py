@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given, strategies as st
-from lib.vehicle.made_drive import DV, KNOWN, PERIOD, THETA, TURN, driven, logged, make_drive
+from lib.vehicle.made_drive import DV, KNOWN, PERIOD, THETA, TURN, driven, logged
 from made_folders import needs
 from numpy.typing import ArrayLike, NDArray
 from pyins import strapdown, transform
@@ -325,15 +325,6 @@ def test_who_has_not_moved_is_told(until: int) -> None:
         estimate_mounting(made_run(body), until)
     with pytest.raises(ParameterError, match="until must be a whole number between 0 and 1"):
         estimate_mounting(made_run(straight(0.1, 0.0, [9, 9])), 2)
-
-
-def test_of_a_filter_that_runs_over_a_made_drive() -> None:
-    """An IMU turned by 4 degrees to the left of the car: the forward axis is to its right."""
-    drive = make_drive(100, 2, seed=3, mounting=float(np.deg2rad(4)), errors=0.2)
-    run = run_vehicle_filter(drive, KNOWN, aiding=False)
-    yaw, pitch = np.rad2deg(angles(estimate_mounting(run, 100)))
-    assert yaw == pytest.approx([4, 4], abs=0.5)
-    assert pitch == pytest.approx([0, 0], abs=0.3)
 
 
 # --- the noise ---
