@@ -130,6 +130,7 @@ from .evaluation import (
     mean_absolute_error as mean_absolute_error,
     mean_bounds as mean_bounds,
     normalised_squares as normalised_squares,
+    root_mean_square_error as root_mean_square_error,
     spread as spread,
     tune as tune,
 )

@@ -112,6 +112,34 @@ class ErrorModel:
         B_f = array("gain", gain, self.C.shape[::-1])
         return self.A - B_f @ self.C, np.hstack([self.B, -B_f @ self.D]), self.L
 
+    def contracted(self, factor: float) -> Self:
+        """Return the model with a transition that forgets: A times a factor.
+
+        P1's A has the eigenvalue 1, so that a velocity error never dies and a filter that does not
+        know the jitter has no finite gain over all time. A factor below 1 repairs that.
+
+        Parameters
+        ----------
+        factor : float
+            Above 0, at most 1.
+
+        Returns
+        -------
+        ErrorModel
+
+        Raises
+        ------
+        ParameterError
+            If it is not.
+
+        Examples
+        --------
+        >>> import inswsn_lib as iw
+        >>> iw.ErrorModel.p1(period=1.0).contracted(0.5).A[0].tolist()
+        [0.5, 0.0, 0.5, 0.0]
+        """
+        return replace(self, A=number("factor", factor, above=0, most=1) * self.A)
+
     def with_covariances(self, process: ArrayLike, measurement: ArrayLike) -> Self:
         """Return the model with other noise: B and D such that Q = B B' and R = D D'.
 

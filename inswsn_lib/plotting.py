@@ -17,7 +17,7 @@ import pandas as pd
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FormatStrFormatter, LogLocator
+from matplotlib.ticker import FormatStrFormatter, LogLocator, PercentFormatter
 
 from inswsn_lib.errors import ParameterError
 
@@ -140,6 +140,23 @@ def stroke(method: str, dashes: str | None = None) -> dict[str, Any]:
         raise ParameterError("method", method, "one of " + ", ".join(STROKES))
     colour, own = STROKES[method]
     return {"color": colour, "ls": dashes or ((0, own) if own else "-")}
+
+
+def percent_axis(axes: Axes, which: str = "x") -> None:
+    """Write the ticks of an axis, ``"x"`` or ``"y"``, as per cent.
+
+    Examples
+    --------
+    >>> from matplotlib import pyplot as plt
+    >>> import inswsn_lib as iw
+    >>> fig, axes = iw.plotting.figure()
+    >>> iw.plotting.percent_axis(axes, "y")
+    >>> axes.yaxis.get_major_formatter()(25)
+    '25%'
+    >>> plt.close(fig)
+    """
+    axis = axes.xaxis if which == "x" else axes.yaxis
+    axis.set_major_formatter(PercentFormatter(decimals=0))
 
 
 def draw_scores(

@@ -27,7 +27,9 @@ from .drift import (
 from .error_ratios import block_ratio as block_ratio
 from .metrics import (
     Spread as Spread,
+    largest_error as largest_error,
     mean_absolute_error as mean_absolute_error,
+    root_mean_square_error as root_mean_square_error,
     spread as spread,
 )
 from .monte_carlo import GROUP as GROUP, monte_carlo as monte_carlo

@@ -34,6 +34,34 @@ def mean_absolute_error(errors: ArrayLike) -> Array:
     return np.asarray(np.nanmean(np.abs(np.asarray(unmasked(errors), dtype=float)), axis=0))
 
 
+def root_mean_square_error(errors: ArrayLike) -> Array:
+    """Return the root of the mean squared error over the steps; as `mean_absolute_error`.
+
+    Examples
+    --------
+    It weighs large errors more than the mean of the absolute error, which here is 4:
+
+    >>> import inswsn_lib as iw
+    >>> iw.root_mean_square_error([[1.0], [-7.0]]).tolist()
+    [5.0]
+    """
+    return np.asarray(
+        np.sqrt(np.nanmean(np.square(np.asarray(unmasked(errors), dtype=float)), axis=0))
+    )
+
+
+def largest_error(errors: ArrayLike) -> Array:
+    """Return the largest absolute error over the steps; as `mean_absolute_error`.
+
+    Examples
+    --------
+    >>> from inswsn_lib.evaluation import largest_error
+    >>> largest_error([[3.0], [-4.0], [float("nan")]]).tolist()
+    [4.0]
+    """
+    return np.asarray(np.nanmax(np.abs(np.asarray(unmasked(errors), dtype=float)), axis=0))
+
+
 class Spread(NamedTuple):
     """The median over runs and the quantiles 2.5 % and 97.5 %, each (components,)."""
 

@@ -1,4 +1,4 @@
-r"""Training of small networks, one after the other, by Levenberg and Marquardt or by the gradient.
+r"""Levenberg and Marquardt's training of small networks, one after the other.
 
 The network is :math:`W_2 \tanh(W_1 x + b_1) + b_2`. With z = (x, 1), h = (tanh, 1), the slopes d of
 the tanh and :math:`g_{ja} = d_j z_a`, J'J has a block :math:`H'H` for each output o, all alike:
@@ -56,34 +56,6 @@ def levenberg_marquardt(X, Y, trains, weights, decay, epochs, patience, rules):
                     for k in range(len(now)):
                         best[i, places[k]] = now[k]
             done = _largest(slope) < flat or damping > most
-    return best, steps
-
-
-@kernel()
-def gradient_descent(X, Y, trains, weights, decay, epochs, patience, rules):
-    """Return the same by steps against the gradient, with momentum."""
-    (networks, samples, inputs), outputs = X.shape, Y.shape[2]
-    rate, momentum, flat = rules
-    places = _places(inputs, (weights.shape[1] - outputs) // (inputs + 1 + outputs), outputs)
-    best, steps, now = weights.copy(), np.empty(networks, np.int64), np.empty(len(places))
-    for i in range(networks):
-        Z, T, m = _sorted(X[i], Y[i], trains[i])
-        for k in range(len(now)):
-            now[k] = weights[i, places[k]]
-        least, H, R = _forward(now, Z, T, m, decay)[1:]
-        steps[i], failures, speed, done = 0, 0, np.zeros(len(now)), False
-        while steps[i] < epochs and not done and (m == samples or failures < patience):
-            slope = _slopes(now, Z, H, R, m, decay)[1]
-            speed = momentum * speed - 2 * rate * slope
-            now += speed
-            watched, H, R = _forward(now, Z, T, m, decay)[1:]
-            sound = np.isfinite(now).all()
-            steps[i], failures = steps[i] + 1, failures + 1
-            if sound and watched < least:
-                least, failures = watched, 0
-                for k in range(len(now)):
-                    best[i, places[k]] = now[k]
-            done = not sound or 2 * _largest(slope) < flat
     return best, steps
 
 
@@ -171,11 +143,22 @@ def _normal(weights, Z, H, R, m, decay):
     z, outputs, r, share = len(Z), len(R), len(H), 1 / (m * len(R))
     last = _parts(weights, z - 1, r - 1, outputs)[1]
     q = (r - 1) * z
-    G, slope = _slopes(weights, Z, H, R, m, decay)
-    wide, GG, HG, HH = np.empty((outputs, q)), np.empty((q, q)), np.empty((r, q)), np.empty((r, r))
-    for o in range(outputs):
-        for a in range(q):
-            wide[o, a] = last[o, a // z]
+    wide, G, back, slope = np.empty((outputs, q)), np.empty((q, m)), np.empty(m), weights.copy()
+    GG, HG, HH = np.empty((q, q)), np.empty((r, q)), np.empty((r, r))
+    for k in range(len(slope)):
+        slope[k] *= decay
+    for j in range(r - 1):
+        back[:] = 0
+        for o in range(outputs):
+            for a in range(j * z, j * z + z):
+                wide[o, a] = last[o, j]
+            _add(back, last[o, j], R[o])
+        h = H[j]
+        for a in range(z):
+            g, x = G[j * z + a], Z[a]
+            for s in range(m):
+                g[s] = (1 - h[s] * h[s]) * x[s]
+            slope[j * z + a] += share * _dot(g, back)
     for a in range(q):
         for b in range(a, q):
             GG[a, b] = share * _dot(G[a], G[b])
@@ -185,30 +168,9 @@ def _normal(weights, Z, H, R, m, decay):
             HG[k, a] = share * _dot(h, G[a])
         for p in range(k, r):
             HH[k, p] = share * _dot(h, H[p])
+        for o in range(outputs):
+            slope[q + o * r + k] += share * _dot(h, R[o])
     return wide, GG, HG, HH, slope
-
-
-@kernel()
-def _slopes(weights, Z, H, R, m, decay):
-    """Return G, a row for each weight of the first layer, and the slope: half the gradient."""
-    z, outputs, r, share = len(Z), len(R), len(H), 1 / (m * len(R))
-    last = _parts(weights, z - 1, r - 1, outputs)[1]
-    q = (r - 1) * z
-    G, back, slope = np.empty((q, m)), np.empty(m), decay * weights
-    for j in range(r - 1):
-        back[:] = 0
-        for o in range(outputs):
-            _add(back, last[o, j], R[o])
-        h = H[j]
-        for a in range(z):
-            g, x = G[j * z + a], Z[a]
-            for s in range(m):
-                g[s] = (1 - h[s] * h[s]) * x[s]
-            slope[j * z + a] += share * _dot(g, back)
-    for k in range(r):
-        for o in range(outputs):
-            slope[q + o * r + k] += share * _dot(H[k, :m], R[o])
-    return G, slope
 
 
 @kernel()

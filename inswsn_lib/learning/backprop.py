@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple, Self, get_args
+from functools import partial
+from typing import Any, Literal, NamedTuple, Self, get_args
 
 import numpy as np
+import torch
 from numpy.typing import ArrayLike, NDArray
 
 from inswsn_lib.checks import Array, number, one_of, whole
@@ -15,6 +18,8 @@ from inswsn_lib.kernels import choose
 from inswsn_lib.learning.base import Regressor, Scale, Scaling
 
 Trainer = Literal["levenberg-marquardt", "gradient-descent"]
+#: The next weights and state of networks, and which of them are done
+_Stepped = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
 
 _FLAT = 1e-7  # largest entry of a gradient at which a network is done
 # Of Levenberg and Marquardt's method: first damping, its factor after a failed and after a good
@@ -141,7 +146,7 @@ class BackpropRegressor(Regressor):
 
     def _outputs(self, X: Array) -> Array:
         """Return the outputs of every network, (networks, n, outputs)."""
-        out = self._layers.forward(self.weights_, self._X_scale.transform(X))
+        out = self._layers.forward(self.weights_, self._X_scale.transform(X), np.tanh)
         return self._Y_scale.inverse_transform(out)
 
     def _prepare(self, X: Array, Y: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
@@ -194,17 +199,76 @@ class _Layers(NamedTuple):
         b1 = size * spread * np.sign(directions[:, 0]) - W1 @ ((low + high) / 2)
         return np.concatenate([W1.ravel(), b1, rng.uniform(-1, 1, self.outputs * (h + 1))])
 
-    def parts(self, weights: Array) -> tuple[Array, Array, Array, Array]:
+    def parts(self, weights: Any) -> tuple[Any, Any, Any, Any]:
         """Return W1, b1, W2 and b2 of each network."""
         d, h, o = self
         a, b, c = h * d, h * (d + 1), h * (d + 1 + o)
         W1, W2 = weights[:, :a].reshape(-1, h, d), weights[:, b:c].reshape(-1, o, h)
         return W1, weights[:, a:b], W2, weights[:, c:]
 
-    def forward(self, weights: Array, X: Array) -> Array:
-        """Return the outputs, (networks, samples, outputs), for weights (networks, parameters)."""
+    def forward(self, weights: Any, X: Any, tanh: Callable[[Any], Any] = torch.tanh) -> Any:
+        """Return the outputs, (networks, samples, outputs), for weights (networks, parameters).
+
+        All are tensors, or with numpy's tanh arrays.
+        """
         W1, b1, W2, b2 = self.parts(weights)
-        return np.asarray(np.tanh(X @ W1.mT + b1[:, None]) @ W2.mT + b2[:, None])
+        return tanh(X @ W1.mT + b1[:, None]) @ W2.mT + b2[:, None]
+
+
+@dataclass(frozen=True, eq=False)
+class _Work:
+    """What all trainers need: data, who trains on what, and the loss."""
+
+    layers: _Layers
+    X: torch.Tensor  # (networks, samples, inputs)
+    Y: torch.Tensor  # (networks, samples, outputs)
+    trains: torch.Tensor  # (networks, samples), bool
+    decay: float
+
+    @classmethod
+    def on(
+        cls, X: Array, Y: Array, trains: NDArray[np.bool_], weights: Array, decay: float
+    ) -> _Work:
+        """Return the work on arrays; the neurons are counted from the weights."""
+        inputs, outputs = X.shape[2], Y.shape[2]
+        hidden = (weights.shape[1] - outputs) // (inputs + 1 + outputs)
+        layers, tensor = _Layers(inputs, hidden, outputs), torch.from_numpy
+        return cls(layers, tensor(X), tensor(Y), tensor(trains), decay)
+
+    def of(self, which: torch.Tensor) -> _Work:
+        """Return the work of some of the networks."""
+        return replace(self, X=self.X[which], Y=self.Y[which], trains=self.trains[which])
+
+    def squares(self, weights: torch.Tensor) -> torch.Tensor:
+        """Return the squared errors, mean over the outputs, (networks, samples)."""
+        misses: torch.Tensor = self.layers.forward(weights, self.X) - self.Y
+        return misses.square().mean(dim=-1)
+
+    @property
+    def validated(self) -> bool:
+        """Whether samples are held back."""
+        return not bool(self.trains.all())
+
+    def watched(self, weights: torch.Tensor, squares: torch.Tensor) -> torch.Tensor:
+        """Return what tells the best weights: the error on the samples held back, or the loss."""
+        if self.validated:
+            return _mean(squares, ~self.trains).detach()
+        return self.losses(weights, squares).detach()
+
+    def losses(self, weights: torch.Tensor, squares: torch.Tensor) -> torch.Tensor:
+        """Return what each network minimises."""
+        return _mean(squares, self.trains) + self.decay * weights.square().sum(dim=-1)
+
+    def gradients(self, weights: torch.Tensor, squares: torch.Tensor) -> torch.Tensor:
+        """Return the gradient of each network's loss in weights that it has been traced from."""
+        # networks do not share weights, so the gradient of the sum is that of each
+        (gradient,) = torch.autograd.grad(self.losses(weights, squares).sum(), weights)
+        return gradient
+
+
+def _mean(squares: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
+    """Return the mean over the samples of a mask, (networks,)."""
+    return (squares * mask).sum(dim=-1) / mask.sum(dim=-1)
 
 
 def _train(copies: Sequence[BackpropRegressor], samples: Sequence[tuple[Array, Array]]) -> None:
@@ -212,14 +276,80 @@ def _train(copies: Sequence[BackpropRegressor], samples: Sequence[tuple[Array, A
     first = copies[0]
     drawn = [copy._prepare(X, Y) for copy, (X, Y) in zip(copies, samples, strict=True)]
     X, Y, start, trains = (np.concatenate(parts) for parts in zip(*drawn, strict=True))
-    descent = first.trainer == "gradient-descent"
-    rules = (float(first.learning_rate), float(first.momentum), _FLAT) if descent else _RULES
-    train = choose("levenberg_marquardt", function="gradient_descent" if descent else "")
-    limits = float(first.weight_decay), int(first.epochs), int(first.patience)
-    weights, steps = train(X, Y, trains, start, *limits, rules)
-    with np.errstate(over="ignore"):  # of a network without a good step
-        misses = np.square(first._layers.forward(weights, X) - Y).mean(axis=-1)
-    losses = np.sum(misses * trains, axis=-1) / trains.sum(axis=-1)
+    decay, epochs, patience = float(first.weight_decay), int(first.epochs), int(first.patience)
+    work, weights = _Work.on(X, Y, trains, start, decay), torch.from_numpy(start)
+    with _one_thread():
+        if first.trainer == "gradient-descent":
+            descend = partial(_descend, first.learning_rate, first.momentum)
+            moving, still = weights.clone().requires_grad_(), torch.zeros_like(weights)
+            weights, steps = _repeat(descend, work, moving, still, epochs, patience)
+        else:
+            train = choose("levenberg_marquardt")
+            found = train(X, Y, trains, start, decay, epochs, patience, _RULES)
+            weights, steps = map(torch.from_numpy, found)
+        losses = _mean(work.squares(weights), work.trains)
     for i, copy in enumerate(copies):
         own = slice(i * first.networks, (i + 1) * first.networks)
-        copy.weights_, copy.losses_, copy.steps_ = weights[own], losses[own], steps[own]
+        copy.weights_, copy.losses_ = weights[own].numpy(), losses[own].numpy()
+        copy.steps_ = steps[own].numpy()
+
+
+def _repeat(
+    step: Callable[..., _Stepped],
+    work: _Work,
+    weights: torch.Tensor,
+    state: torch.Tensor,
+    epochs: int,
+    patience: int,
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Step all networks until each is done; return the best weights and the steps of each."""
+    squares = work.squares(weights)  # once a step, for what is watched and for the next step
+    best, least = weights.detach().clone(), work.watched(weights, squares)
+    steps, failures = torch.zeros(len(weights), dtype=torch.int64), torch.zeros(len(weights))
+    going = torch.arange(len(weights))  # which networks are not done
+    for _ in range(epochs):
+        weights, state, done = step(work, weights, squares, state)
+        steps[going] += 1
+        squares = work.squares(weights)
+        now = work.watched(weights, squares)
+        sound = torch.isfinite(weights).all(dim=-1)
+        progress = sound & (now < least)
+        best[going[progress]] = weights[progress].detach()
+        least = torch.where(progress, now, least)
+        failures = torch.where(progress, 0, failures + 1)
+        left = sound & ~done
+        if work.validated:
+            left &= failures < patience
+        if not left.any():
+            break
+        if not left.all():
+            work, going = work.of(left), going[left]
+            weights, state, least, failures = (x[left] for x in (weights, state, least, failures))
+            squares = work.squares(weights)
+    return best, steps
+
+
+def _descend(
+    rate: float,
+    momentum: float,
+    work: _Work,
+    weights: torch.Tensor,
+    squares: torch.Tensor,
+    speed: torch.Tensor,
+) -> _Stepped:
+    """Step against the gradient, with momentum."""
+    gradient = work.gradients(weights, squares)
+    speed = momentum * speed - rate * gradient
+    moved = (weights.detach() + speed).requires_grad_()
+    return moved, speed, gradient.abs().amax(dim=-1) < _FLAT
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Let torch use one thread, so that sums are formed in one order on every machine."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)

@@ -143,6 +143,7 @@ def replay(
     steps: int,
     *,
     aiding: bool,
+    gps: bool = False,
     feedback: bool = True,
 ) -> VehicleRun:
     """Run the filter anew from what a run knew at some epochs: one branch for each epoch and run.
@@ -158,8 +159,8 @@ def replay(
         The epochs.
     steps : int
         How many epochs each branch goes on.
-    aiding : bool
-        Whether compass and lateral velocity are used after the start; GPS is not.
+    aiding, gps : bool
+        Whether compass and lateral velocity, and GPS, are used after the start.
     feedback : bool
         As the run was made.
 
@@ -178,7 +179,7 @@ def replay(
     [[20, 25], [30, 35]]
     """
     state, which, begin = _branches(drive, run, starts, whole("steps", steps))
-    heard, sensed = np.zeros(steps + 1, dtype=bool), np.full(steps + 1, aiding)
+    heard, sensed = np.full(steps + 1, gps), np.full(steps + 1, aiding)
     return _advance(drive, settings, state, which, begin, heard, sensed, feedback)
 
 

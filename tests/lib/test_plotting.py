@@ -12,7 +12,7 @@ from matplotlib import pyplot as plt
 from matplotlib.colors import to_rgb
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.plotting import COLOURS, STROKES, draw_scores, figure, stroke
+from inswsn_lib.plotting import COLOURS, STROKES, draw_scores, figure, percent_axis, stroke
 
 METHODS = {"one": "the one", "two": "the other"}
 UNITS = {"size": "m", "told": "1", "word": "1"}
@@ -38,6 +38,9 @@ def test_a_figure_in_the_style_of_the_book() -> None:
     visible = {side: spine.get_visible() for side, spine in axes[0, 0].spines.items()}
     assert visible == {"left": True, "right": False, "top": False, "bottom": True}
     assert axes[0, 0].get_axisbelow() is True
+    for which, axis in (("x", axes[0, 0].xaxis), ("y", axes[0, 0].yaxis)):
+        percent_axis(axes[0, 0], which)
+        assert axis.get_major_formatter()(12.4) == "12%"
 
 
 def draw(

@@ -16,12 +16,13 @@ from markdown_it import MarkdownIt
 from matplotlib import pyplot as plt
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.plotting import STROKES, figure
+from inswsn_lib.plotting import STROKES, figure, percent_axis
 
 
 def shown_svg(displayed: list) -> tuple[str, dict]:
     fig, ax = figure(height=2)
     ax.plot([0, 1], [0, 50])
+    percent_axis(ax, "y")
     show_figure(fig, name="fig-x", caption="A line.", alt="A line from 0 to 50 per cent.")
     data, metadata = displayed.pop()
     return data["image/svg+xml"], metadata["inswsn"]

@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.evaluation import mean_absolute_error, spread
+from inswsn_lib.evaluation import largest_error, mean_absolute_error, root_mean_square_error, spread
 
 ERRORS = np.array([[[3.0, 1.0]], [[-4.0, np.nan]], [[0.0, -1.0]]])
 
 
 def test_errors_over_a_window_by_hand() -> None:
     assert mean_absolute_error(ERRORS)[0] == pytest.approx([7 / 3, 1])
+    assert root_mean_square_error(ERRORS)[0] == pytest.approx([(25 / 3) ** 0.5, 1])
+    assert largest_error(ERRORS)[0] == pytest.approx([4, 1])
 
 
 def test_spread_of_a_ramp_and_of_too_few_runs() -> None:

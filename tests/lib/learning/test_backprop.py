@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given, settings, strategies as st
 from lib.kernels.both_ways import both
 from sklearn.neural_network import MLPRegressor
@@ -156,6 +158,17 @@ def test_a_share_is_held_back_and_one_sample_is_left_to_train(share: float, held
     assert held in (0, 19) or len(np.unique(trains, axis=0)) == 3
 
 
+def test_the_trainers_agree_on_the_optimum() -> None:
+    """The best of six starts of a small problem with weight decay, by two ways."""
+    X, y = data(7, n=25)
+    found = []
+    for trainer, epochs in zip(TRAINERS, (300, 6000), strict=True):
+        machine = BackpropRegressor(2, trainer, epochs, 0.1, 0.9, weight_decay=0.02, networks=6)
+        machine.fit(X, y)
+        found.append(np.min(machine.losses_ + 0.02 * np.sum(machine.weights_**2, axis=1)))
+    assert found == pytest.approx([found[0]] * 2, rel=1e-6)
+
+
 @pytest.mark.parametrize("scaling", ["range", "standard"])
 def test_units_change_nothing_but_the_units(scaling: Any) -> None:
     X, y = data(14)
@@ -173,16 +186,30 @@ def test_units_change_nothing_but_the_units(scaling: Any) -> None:
     assert np.abs(unscaled - plain.predict(new)).max() > 1e-3
 
 
+@contextmanager
+def threads(number: int) -> Iterator[None]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(number)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
 @pytest.mark.parametrize("trainer", TRAINERS)
-def test_it_repeats_itself_bit_for_bit(trainer: Any) -> None:
+def test_it_repeats_itself_bit_for_bit_whatever_the_threads(trainer: Any) -> None:
     X, y = data(11, n=3000)
-    first, again, other = (
-        BackpropRegressor(20, trainer, 3, networks=4, random_state=seed).fit(X, y)
-        for seed in (0, 0, 1)
-    )
-    assert np.array_equal(again.weights_, first.weights_)
-    assert np.array_equal(again.predict(X), first.predict(X))
-    assert np.abs(other.weights_ - first.weights_).max() > 1e-3
+    found = []
+    for number in (1, 2, 1):
+        with threads(number):
+            machine = BackpropRegressor(20, trainer, 3, networks=4)
+            found.append((machine.fit(X, y).weights_, machine.predict(X)))
+            assert torch.get_num_threads() == number
+    for weights, predicted in found[1:]:
+        assert np.array_equal(weights, found[0][0])
+        assert np.array_equal(predicted, found[0][1])
+    other = BackpropRegressor(20, trainer, 3, networks=4, random_state=1)
+    assert np.abs(other.fit(X, y).weights_ - found[0][0]).max() > 1e-3
 
 
 @pytest.mark.parametrize("trainer", TRAINERS)
@@ -205,6 +232,17 @@ def test_many_networks_and_data_sets_at_once_are_each_trained_as_alone(trainer: 
     (again,) = machine.fit_many(Xs[2:], ys[2:], [2])
     assert again.weights_ == pytest.approx(together[2].weights_, rel=1e-7, abs=1e-9)
     assert machine.fit_many([], []) == []
+
+
+def test_steps_that_overflow_leave_the_best_weights() -> None:
+    X, y = data(16)
+    for rate in (10.0, 1e300):
+        machine = BackpropRegressor(5, "gradient-descent", 2000, rate, 0.99, networks=3).fit(X, y)
+        tiny = BackpropRegressor(5, "gradient-descent", 1, 1e-300, networks=3).fit(X, y)
+        assert np.isfinite(machine.weights_).all()
+        assert (machine.losses_ <= tiny.losses_ * (1 + 1e-12)).all()
+    assert machine.weights_ == pytest.approx(tiny.weights_)  # no step was a good one
+    assert machine.steps_.max() < 100  # and the network is given up
 
 
 @pytest.mark.parametrize("trainer", TRAINERS)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from lib.kernels.both_ways import both as both_ways
 from lib.vehicle.by_pyins import run_by_pyins
 from lib.vehicle.made_drive import (
     KNOWN,
@@ -122,6 +122,13 @@ def test_it_is_the_filter_of_pyins(aiding: bool) -> None:
     assert np.rad2deg(own[:, 8]) == pytest.approx(spread.heading.to_numpy(), rel=close)
 
 
+@pytest.mark.filterwarnings("ignore")  # of pyins
+def test_from_a_moving_start_it_is_the_filter_of_pyins_within_5_cm() -> None:
+    drive = on_the_way(make_drive(40, 1, seed=4), 14)
+    assert np.linalg.norm(drive.reference.velocity[0]) > 8
+    assert np.linalg.norm(both(drive, KNOWN)[2], axis=1).max() < 0.05
+
+
 # --- the filter against what is known of the drive ---
 
 
@@ -211,6 +218,13 @@ def test_an_outage_is_a_replay_is_missing_data(feedback: bool, aided: bool) -> N
     # where nothing aids, the lateral velocity is left out, too
     assert (off(outage, run_vehicle_filter(gap, KNOWN, **more)) < SAME) == aided
     assert off(outage, run, stop - 1, stop - 1) > 0.1
+
+
+def test_a_replay_with_gps_is_the_run_itself() -> None:
+    run = eight_run()
+    branch = replay(eight(), KNOWN, run, [20], 10, aiding=True, gps=True)
+    assert off(run, branch, slice(20, 31)) < SAME
+    assert run.innovations[21:31] == pytest.approx(branch.innovations[1:], rel=1e-6, abs=1e-11)
 
 
 def test_a_replay_with_feedback_begins_by_it() -> None:
@@ -309,6 +323,36 @@ def test_the_first_update_is_that_of_compass_and_lateral_velocity() -> None:
     ]
     assert apart[0] > 1e-4  # m
     assert apart[1] < 1e-6
+
+
+@pytest.mark.parametrize("feedback", [True, False])
+@pytest.mark.parametrize("extra", [(), ("gps", "mounting"), ("mounting", "compass", "gps")])
+def test_it_is_the_same_compiled_and_in_numpy(extra: tuple[str, ...], feedback: bool) -> None:
+    """With gaps, an outlier and an outage; also branches from epochs of their own."""
+    drive, rng = make_drive(12, 3, seed=3), np.random.default_rng(3)
+    told = {name: getattr(drive, name).copy() for name in SENSORS[2:]}
+    for values in told.values():
+        values[1:][rng.random(values[1:].shape) < 0.2] = np.nan
+    told["gps_position"][5], told["compass"][7] = np.nan, 1.0
+    drive, settings = replace(drive, **told), replace(KNOWN, extra=extra, substeps=3)
+
+    def runs() -> tuple[VehicleRun, VehicleRun]:
+        run = run_vehicle_filter(drive, settings, outages=[(8, 10)], feedback=feedback)
+        starts = np.array([[1, 2, 3], [4, 4, 0]])
+        how = {"aiding": True, "gps": True, "feedback": feedback}
+        return run, replay(drive, settings, run, starts, 7, **how)
+
+    for one, two in zip(*both_ways(runs), strict=True):
+        assert off(one, two) < SAME
+        size = np.sqrt(np.diagonal(two.states.covariance, axis1=2, axis2=3))
+        assert np.abs(np.moveaxis(one.first - two.first, 1, 2) / size[..., :3]).max() < SAME
+        spread = np.moveaxis(np.diagonal(two.innovation_covariances, axis1=1, axis2=2), 2, 1)
+        own = np.sqrt(np.where(spread > 0, spread, 1.0))
+        assert one.innovations / own == pytest.approx(two.innovations / own, abs=1e-6, nan_ok=True)
+        apart = one.innovation_covariances - two.innovation_covariances
+        assert np.abs(apart / (own[:, :, None] * own[:, None])).max() < 1e-8
+        assert np.isnan(one.innovations[1:]).any()
+        assert np.isfinite(one.innovations).any()
 
 
 # --- compass and gate, and what is missing ---
@@ -524,43 +568,3 @@ def test_a_drive_has_arrays_that_fit() -> None:
     for start in (-1, 61):
         with pytest.raises(ParameterError, match="places must be"):
             replace(drive, places=(Place("off", start),))
-
-
-# --- corrections ---
-
-
-def state(position: np.ndarray, velocity: np.ndarray, attitude: np.ndarray) -> VehicleState:
-    """Return what one run knows, or several."""
-    lead = position.shape[:-1]
-    return VehicleState(
-        position, velocity, attitude, np.zeros((*lead, 3)), np.zeros((*lead, 3)),
-        np.zeros((*lead, 15)), np.zeros((*lead, 15, 15)),
-    )  # fmt: skip
-
-
-@given(st.integers(0, 2**32 - 1), st.integers(0, 2))
-def test_a_known_error_is_undone(seed: int, extra: int) -> None:
-    """INS that is wrong by a known error, corrected by it, is the truth again, not only nearly.
-
-    C' = (I - [phi x]) C: the attitude error turns the true frame into the computed one.
-    """
-    rng = np.random.default_rng(seed)
-    true = state(
-        *rng.normal(size=(2, 2, 4, 3)), Rotation.random(8, rng=rng).as_matrix().reshape(2, 4, 3, 3)
-    )
-    x = rng.normal(size=(2, 4, 15 + extra)) * 0.3
-    turned = Rotation.from_rotvec(-x[..., 6:9].reshape(-1, 3)).as_matrix().reshape(2, 4, 3, 3)
-    bias, drift = rng.normal(size=(2, 2, 4, 3))
-    wrong = VehicleState(
-        true.position + x[..., 0:3], true.velocity + x[..., 3:6], turned @ true.attitude,
-        bias - x[..., 9:12], drift - x[..., 12:15],  # what of the bias is not yet taken off
-        x, rng.normal(size=(2, 4, 15 + extra, 15 + extra)),
-    )  # fmt: skip
-    kept, found = x.copy(), wrong.corrected()
-    right = replace(true, accelerometer_bias=bias, gyro_drift=drift)
-    for name in ("position", "velocity", "attitude", "accelerometer_bias", "gyro_drift"):
-        assert getattr(found, name) == pytest.approx(getattr(right, name))
-    assert not found.error[..., :15].any()
-    assert np.array_equal(found.error[..., 15:], x[..., 15:])  # of other states it stays
-    assert np.array_equal(found.covariance, wrong.covariance)
-    assert np.array_equal(wrong.error, kept)  # and the old state is as it was
