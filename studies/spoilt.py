@@ -20,7 +20,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 from zlib import crc32
 
 import numpy as np
@@ -40,9 +40,6 @@ ROOT = Path(__file__).parent.parent
 SPOILT = "data/spoilt.json"
 SEED = 90
 SOURCES = ("spoilt.py", "spoilers.py", "spoilt_bases.py", "made_recording.py")
-
-ALL = "all"
-HARM = 1.1  # times the error without the spoiling: more is told as harm
 
 Sizes = Literal["small", "large", "whole"]
 # refused by the reader | found by a check | not found, but a check tells no more what it told
@@ -79,25 +76,6 @@ class Alarm(Frozen):
     says: str
 
 
-class Row(Frozen):
-    """What came of the trials of one kind of recording, one spoiler and one class of sizes."""
-
-    kind: str
-    file: str
-    spoiler: str
-    sizes: str
-    count: int
-    refused: int
-    detected: int
-    named: int  # of those detected, by a right name
-    unknown: int
-    stopped: int
-    passed: int
-    traceback: int
-    harmed: int  # of those passed or unknown, with an error of more than HARM times
-    worst: Finite | None  # the largest ratio of errors of these
-
-
 class Made(Frozen):
     """What the study was made with."""
 
@@ -116,8 +94,6 @@ class Study(Frozen):
     made: Made
     errors: dict[str, Finite]  # of the filter on each recording that is not spoilt, m
     alarms: tuple[Alarm, ...]
-    totals: tuple[Row, ...]  # of all spoilers, by kind and by class of sizes
-    table: tuple[Row, ...]
     trials: Annotated[tuple[Trial, ...], Field(min_length=1)]
 
 
@@ -230,32 +206,6 @@ def trials_of(unspoilt: Unspoilt, ways: Iterable[Spoiler], draws: int) -> list[T
     ]
 
 
-def table(trials: Sequence[Trial], *by: str) -> tuple[Row, ...]:
-    """Return what came of the trials that have the same of some fields.
-
-    Of the other fields of a row stands "all".
-    """
-    groups: dict[tuple[str, ...], list[Trial]] = {}
-    for trial in trials:
-        groups.setdefault(tuple(getattr(trial, name) for name in by), []).append(trial)
-    every = dict.fromkeys(("kind", "file", "spoiler", "sizes"), ALL)
-    return tuple(
-        Row(**every | dict(zip(by, key, strict=True)), **_counts(group))
-        for key, group in groups.items()
-    )
-
-
-def _counts(trials: Sequence[Trial]) -> dict[str, Any]:
-    outcomes = [trial.outcome for trial in trials]
-    harms = [trial.harm for trial in trials if trial.harm is not None]
-    return {name: outcomes.count(name) for name in get_args(Outcome)} | {
-        "count": len(trials),
-        "named": sum(trial.named is True for trial in trials),
-        "harmed": sum(harm > HARM for harm in harms),
-        "worst": max(harms, default=None),
-    }
-
-
 def study(found: list[Base], ways: Sequence[Spoiler], draws: int) -> Study:
     """Spoil recordings by each of some ways."""
     commit, clean = repository_state(ROOT)
@@ -281,8 +231,6 @@ def study(found: list[Base], ways: Sequence[Spoiler], draws: int) -> Study:
         made=made,
         errors=errors,
         alarms=tuple(alarms),
-        totals=table(trials) + table(trials, "kind") + table(trials, "sizes"),
-        table=table(trials, "kind", "file", "spoiler", "sizes"),
         trials=tuple(trials),
     )
 
