@@ -16,8 +16,6 @@ from inswsn_book.judge.verdicts import Judged, Verdict
 from inswsn_book.record.results import Results
 from numpy.typing import NDArray
 from pyins import transform
-from scipy.optimize import brentq
-from scipy.stats import t as student
 
 from inswsn_lib import papers
 from inswsn_lib.files import DATA_VARIABLE
@@ -233,31 +231,6 @@ def test_shares_of_a_gain_add_up(results: Results) -> None:
     factors = (results[f"ladder.{name}"].value for name in ("lateral-never", "lssvm-never"))
     lateral, lssvm = np.log([*factors])
     assert results["ladder.share.constraint"].value == pytest.approx(lateral / lssvm, rel=1e-6)
-
-
-@pytest.mark.parametrize("name", [n for n in APART if n != "through"])
-def test_the_recorded_factors_and_their_intervals(
-    results: Results, stored: dict[str, Array], name: str
-) -> None:
-    """Student's interval of six blocks, bent by Hall's cubic, which is inverted by bisection."""
-    logs = np.log(rms_of(stored[name], 40) / rms_of(stored["through"], 40))
-    blocks = logs.reshape(6, 2 * 4).mean(axis=1)
-    quantity = results[f"recorded.factor.{name}"]
-    assert quantity.value == pytest.approx(np.exp(blocks.mean()), rel=APART[name])
-    apart = blocks - blocks.mean()
-    skewness = np.clip(np.mean(apart**3) / np.mean(apart**2) ** 1.5, -1.5, 1.5)
-    deviation, n = blocks.std(ddof=1), len(blocks)
-
-    def bent(T: float) -> float:
-        """Return Hall's (1992) g(T)."""
-        straight = T + skewness * T**2 / (3 * n**0.5) + skewness / (6 * n**0.5)
-        return float(straight + skewness**2 * T**3 / (27 * n))
-
-    for end, share in zip(quantity.interval, (0.975, 0.025), strict=True):
-        T = brentq(lambda T, share=share: bent(T) - student.ppf(share, n - 1), -1e4, 1e4)
-        expected = blocks.mean() - deviation * T / n**0.5
-        # what is learned may differ between machines, and more at the ends than in the middle
-        assert np.log(end) == pytest.approx(expected, abs=3 * APART[name])
 
 
 def test_the_mounting_settles(results: Results, content: dict[str, Any]) -> None:
