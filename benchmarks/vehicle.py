@@ -81,7 +81,7 @@ def compare(
     squares, apart = [], []
     for drive, run, (lla, sd) in zip(drives, ours, passes, strict=True):
         steps = slice(60, len(lla))  # once both have settled
-        states = run.states[:, 0]
+        states = run.states[: len(lla), 0]
         true = drive.reference.position[: len(lla)]
         theirs = ((lla - true) * metres(true))[steps]
         mine = position_error(run, drive)[steps, :, 0]
@@ -94,7 +94,7 @@ def compare(
             for own, columns in zip((of_position, deviation[:, 3:6]), names, strict=True)
         ]
         yaws = np.rad2deg(deviation[:, 8]) / sd.heading.to_numpy()[steps]
-        away = (states.position[: len(lla)] - lla) * metres(true)
+        away = (states.position - lla) * metres(true)
         found = [np.abs(away[steps] / of_position), *(np.abs(x - 1) for x in (*ratios, yaws))]
         apart.append([x.max() for x in found])
     ours_rms, pyins_rms = np.sqrt(np.mean(squares, axis=0))

@@ -222,9 +222,9 @@ def run_pyins(
         ],
         time_step=step,
     )
-    epochs = slice(None, None, drive.samples_per_epoch)
-    places = np.asarray(found.trajectory[LLA_COLS].to_numpy()[epochs] / _DEGREES)
-    return places, found.trajectory_sd.iloc[epochs]
+    track = found.trajectory.iloc[:: drive.samples_per_epoch]
+    places = np.asarray(track[LLA_COLS].to_numpy() / _DEGREES)
+    return places, found.trajectory_sd.reindex(track.index)
 
 
 class Epoch:
