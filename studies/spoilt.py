@@ -30,7 +30,6 @@ from inswsn_book.record.results import Digest, Finite, Frozen
 from pydantic import Field
 from spoilers import Spoiler, spoilers
 from spoilt_bases import Base, bases
-from study import read_kept
 
 from inswsn_lib import logs
 from inswsn_lib.errors import InswsnError
@@ -66,16 +65,6 @@ class Trial(Frozen):
     says: str = ""  # the sentence, or what the first finding says
 
 
-class Alarm(Frozen):
-    """What is found of a recording that is not spoilt."""
-
-    recording: str
-    name: str
-    subject: str
-    fits: bool | None
-    says: str
-
-
 class Made(Frozen):
     """What the study was made with."""
 
@@ -93,13 +82,7 @@ class Study(Frozen):
     schema_version: Literal[1] = 1
     made: Made
     errors: dict[str, Finite]  # of the filter on each recording that is not spoilt, m
-    alarms: tuple[Alarm, ...]
     trials: Annotated[tuple[Trial, ...], Field(min_length=1)]
-
-
-def read_spoilt(path: Path) -> Study:
-    """Read the study; refuse a file that is none."""
-    return read_kept(path, Study, "spoilt")
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +92,6 @@ class Unspoilt:
     base: Base
     folder: Path
     findings: dict[tuple[str, str], bool | None]
-    alarms: tuple[Alarm, ...]
     error: float
 
     @classmethod
@@ -117,13 +99,8 @@ class Unspoilt:
         """Write and check a recording, and run the filter on it."""
         logs.write_csv(base.recording, folder)
         found = logs.check_set_up(logs.load("csv", folder))
-        alarms = tuple(
-            Alarm(recording=base.name, name=f.name, subject=f.subject, fits=f.fits, says=f.says)
-            for f in found
-            if f.fits is not True
-        )
         findings = {(f.name, f.subject): f.fits for f in found}
-        return cls(base, folder, findings, alarms, base.error(base.recording))
+        return cls(base, folder, findings, base.error(base.recording))
 
 
 def try_one(unspoilt: Unspoilt, spoiler: Spoiler, sizes: str, draw: int) -> Trial:
@@ -210,12 +187,10 @@ def study(found: list[Base], ways: Sequence[Spoiler], draws: int) -> Study:
     """Spoil recordings by each of some ways."""
     commit, clean = repository_state(ROOT)
     trials: list[Trial] = []
-    alarms: list[Alarm] = []
     errors = {}
     for base in found:
         with tempfile.TemporaryDirectory() as parent:
             unspoilt = Unspoilt.of(base, Path(parent, "recording"))
-            alarms += unspoilt.alarms
             errors[base.name] = float(f"{unspoilt.error:.3g}")
             trials += trials_of(unspoilt, ways, draws)
         print(f"{base.name}: {len(trials)} trials so far", flush=True)
@@ -230,7 +205,6 @@ def study(found: list[Base], ways: Sequence[Spoiler], draws: int) -> Study:
     return Study(
         made=made,
         errors=errors,
-        alarms=tuple(alarms),
         trials=tuple(trials),
     )
 
