@@ -90,10 +90,8 @@ bench: environment ## speed against peers, as ratios; writes data/benchmarks*.ya
 	@$(call sees,bench)
 	@_build/bench/bin/python benchmarks/throughput.py
 	@$(RUN) benchmarks/growth.py
-	@$(RUN) benchmarks/fusion.py
 	@$(RUN) benchmarks/kernels.py
 	@$(RUN) benchmarks/vehicle.py
-	@$(RUN) benchmarks/sweep.py
 
 # Where the network has the wheel of numpy that Pyodide's makers built, that is taken; else it is built, which
 # takes clang-16, lld-16, llvm-16 and npm of Debian 12. SOURCE=official or SOURCE=built takes that one alone.

@@ -13,61 +13,25 @@ from __future__ import annotations
 
 import datetime
 import json
-import os
 import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pooch
-from inswsn_book.record.files import file_digest, write_whole
+from inswsn_book.record.files import write_whole
 from inswsn_book.record.provenance import repository_state
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
 
-from inswsn_lib.errors import InswsnError
-from inswsn_lib.files import DATA_VARIABLE
+from inswsn_lib import logs
+from inswsn_lib.logs.estimates import tag_track
+from inswsn_lib.streams import Recording
 
 ROOT = Path(__file__).parent.parent
-OWNER, NAME = "INRoL", "inrol_uwb_localization"
-COMMIT = "40562b6fee3c72920b6f6972524990612a7f58b9"
-FOLDER = "example/filtering_state_estimation1/parsed_dataset"
-DIGESTS = {
-    "anchor.txt": "0dfac95032f40fc66835c7b483df773693c3b992ee81401bba00bb8d8d3aad54",
-    "imu_pose.txt": "58b123ccf5a46b140c3e8b2d30b4d1210ad52ff0f7b8deb8c1398b14418330e4",
-    "uwb.txt": "25ffd69f5c330ef5b619941e338f8f46bc83e146923a9ce368db798b3d36030c",
-}
+NAME = "inrol/1"
 INTERVAL = 0.2  # s
-LEVER = np.array([0.0, 0.0, 0.010])  # m, from the tracked body to the tag, in the body's axes
 
 Array = NDArray[np.float64]
-
-
-def recording() -> dict[str, Array]:
-    """Return the columns of the three files; m, s."""
-    mirror = os.environ.get(DATA_VARIABLE)
-    if mirror:
-        folder = Path(mirror) / f"{OWNER}__{NAME}" / COMMIT / FOLDER
-        paths = {name: folder / name for name in DIGESTS}
-    else:
-        store = pooch.create(
-            path=pooch.os_cache("inswsn") / f"{OWNER}__{NAME}" / COMMIT / FOLDER,
-            base_url=f"https://raw.githubusercontent.com/{OWNER}/{NAME}/{COMMIT}/{FOLDER}/",
-            registry={name: f"sha256:{digest}" for name, digest in DIGESTS.items()},
-        )
-        paths = {name: Path(store.fetch(name)) for name in DIGESTS}
-    for name, path in paths.items():
-        if not path.is_file() or file_digest(path) != DIGESTS[name]:
-            raise InswsnError(f"{path} is not there, or is not the original {name}.")
-    return {name: np.loadtxt(path) for name, path in paths.items()}
-
-
-def tag_positions(pose: Array, times: Array) -> Array:
-    """Return where the tag was, (times, 3), by interpolation of the motion capture."""
-    turned = Rotation.from_quat(pose[:, 4:8]).apply(LEVER)
-    track = pose[:, 1:4] + turned
-    return np.column_stack([np.interp(times, pose[:, 0], track[:, i]) for i in range(3)])
 
 
 def fix(anchors: Array, ranges: Array, start: Array) -> Array:
@@ -79,36 +43,34 @@ def fix(anchors: Array, ranges: Array, start: Array) -> Array:
     return np.asarray(least_squares(residual, start).x)
 
 
-def measure(anchor: Array, pose: Array, uwb: Array) -> dict[str, Any]:
+def measure(recording: Recording) -> dict[str, Any]:
     """Return how good ranges and fixes are, by name, and the horizontal errors in their order.
 
-    Parameters
-    ----------
-    anchor, pose, uwb : ndarray
-        The columns of the three files: number and position (m); time (s), position (m) and
-        attitude (quaternion); row, time (s), anchor and range (m).
+    Ranges from before and after the reference are left out.
     """
-    anchors = {int(row[0]): row[1:4] for row in anchor}
-    uwb = uwb[(uwb[:, 1] >= pose[0, 0]) & (uwb[:, 1] <= pose[-1, 0])]
-    nodes = np.array([anchors[int(i)] for i in uwb[:, 2]])
-    truth = tag_positions(pose, uwb[:, 1])
-    range_error = uwb[:, 3] - np.linalg.norm(nodes - truth, axis=1)
-    middle = np.mean(list(anchors.values()), axis=0)
-    epoch = np.floor((uwb[:, 1] - uwb[0, 1]) / INTERVAL).astype(int)
+    (clock, track), ranges = tag_track(recording), recording.ranges
+    assert ranges is not None
+    kept = (ranges.time >= clock[0]) & (ranges.time <= clock[-1])
+    time, anchor, distance = ranges.time[kept], ranges.anchor[kept], ranges.distance[kept]
+    nodes = ranges.anchors[anchor]
+    truth = np.column_stack([np.interp(time, clock, along) for along in track.T])
+    range_error = distance - np.linalg.norm(nodes - truth, axis=1)
+    middle = np.mean(ranges.anchors, axis=0)
+    epoch = np.floor((time - time[0]) / INTERVAL).astype(int)
     errors = []
     series = np.full((epoch[-1] + 1, 2), np.nan)
     for k in np.unique(epoch):
         rows = epoch == k
-        if len(set(uwb[rows, 2])) < 4:  # fewer anchors do not fix three coordinates
+        if len({*anchor[rows]}) < 4:  # fewer anchors do not fix three coordinates
             continue
-        errors.append(fix(nodes[rows], uwb[rows, 3], middle) - truth[rows].mean(axis=0))
+        errors.append(fix(nodes[rows], distance[rows], middle) - truth[rows].mean(axis=0))
         series[k] = errors[-1][:2]
     horizontal = np.hypot(*np.array(errors)[:, :2].T)
     median = np.median(range_error)
     found = {
-        "anchors": len(anchors),
-        "ranges": len(uwb),
-        "seconds": np.ptp(uwb[:, 1]),
+        "anchors": len(ranges.anchors),
+        "ranges": len(time),
+        "seconds": np.ptp(time),
         "range_median_error": median,
         # of a normal distribution with the same median absolute deviation
         "range_deviation": 1.4826 * np.median(np.abs(range_error - median)),
@@ -127,17 +89,17 @@ def measure(anchor: Array, pose: Array, uwb: Array) -> dict[str, Any]:
 
 def main() -> None:
     """Fix, compare and write."""
-    files = recording()
+    recording = logs.load(NAME)
     commit, clean = repository_state(ROOT)
     facts = {
         "made": datetime.datetime.now(datetime.UTC).date().isoformat(),
         "commit": commit,
         "clean": clean,
-        "source": f"{OWNER}/{NAME} at {COMMIT}, {FOLDER}",
-        "digests": DIGESTS,
+        "source": NAME,
+        "digests": dict(recording.digests),
         "interval": INTERVAL,
     }
-    kept = {"form": 1, "facts": facts} | measure(*(files[name] for name in DIGESTS))
+    kept = {"form": 1, "facts": facts} | measure(recording)
     text = json.dumps(kept, indent=1)
     # a pair a line
     text = re.sub(r"\[\s+(-?[\d.]+),\s+(-?[\d.]+)\s+\]", r"[\1, \2]", text)

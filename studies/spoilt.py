@@ -20,7 +20,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 from zlib import crc32
 
 import numpy as np
@@ -30,7 +30,6 @@ from inswsn_book.record.results import Digest, Finite, Frozen
 from pydantic import Field
 from spoilers import Spoiler, spoilers
 from spoilt_bases import Base, bases
-from study import read_kept
 
 from inswsn_lib import logs
 from inswsn_lib.errors import InswsnError
@@ -40,9 +39,6 @@ ROOT = Path(__file__).parent.parent
 SPOILT = "data/spoilt.json"
 SEED = 90
 SOURCES = ("spoilt.py", "spoilers.py", "spoilt_bases.py", "made_recording.py")
-
-ALL = "all"
-HARM = 1.1  # times the error without the spoiling: more is told as harm
 
 Sizes = Literal["small", "large", "whole"]
 # refused by the reader | found by a check | not found, but a check tells no more what it told
@@ -69,35 +65,6 @@ class Trial(Frozen):
     says: str = ""  # the sentence, or what the first finding says
 
 
-class Alarm(Frozen):
-    """What is found of a recording that is not spoilt."""
-
-    recording: str
-    name: str
-    subject: str
-    fits: bool | None
-    says: str
-
-
-class Row(Frozen):
-    """What came of the trials of one kind of recording, one spoiler and one class of sizes."""
-
-    kind: str
-    file: str
-    spoiler: str
-    sizes: str
-    count: int
-    refused: int
-    detected: int
-    named: int  # of those detected, by a right name
-    unknown: int
-    stopped: int
-    passed: int
-    traceback: int
-    harmed: int  # of those passed or unknown, with an error of more than HARM times
-    worst: Finite | None  # the largest ratio of errors of these
-
-
 class Made(Frozen):
     """What the study was made with."""
 
@@ -115,15 +82,7 @@ class Study(Frozen):
     schema_version: Literal[1] = 1
     made: Made
     errors: dict[str, Finite]  # of the filter on each recording that is not spoilt, m
-    alarms: tuple[Alarm, ...]
-    totals: tuple[Row, ...]  # of all spoilers, by kind and by class of sizes
-    table: tuple[Row, ...]
     trials: Annotated[tuple[Trial, ...], Field(min_length=1)]
-
-
-def read_spoilt(path: Path) -> Study:
-    """Read the study; refuse a file that is none."""
-    return read_kept(path, Study, "spoilt")
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +92,6 @@ class Unspoilt:
     base: Base
     folder: Path
     findings: dict[tuple[str, str], bool | None]
-    alarms: tuple[Alarm, ...]
     error: float
 
     @classmethod
@@ -141,13 +99,8 @@ class Unspoilt:
         """Write and check a recording, and run the filter on it."""
         logs.write_csv(base.recording, folder)
         found = logs.check_set_up(logs.load("csv", folder))
-        alarms = tuple(
-            Alarm(recording=base.name, name=f.name, subject=f.subject, fits=f.fits, says=f.says)
-            for f in found
-            if f.fits is not True
-        )
         findings = {(f.name, f.subject): f.fits for f in found}
-        return cls(base, folder, findings, alarms, base.error(base.recording))
+        return cls(base, folder, findings, base.error(base.recording))
 
 
 def try_one(unspoilt: Unspoilt, spoiler: Spoiler, sizes: str, draw: int) -> Trial:
@@ -230,42 +183,14 @@ def trials_of(unspoilt: Unspoilt, ways: Iterable[Spoiler], draws: int) -> list[T
     ]
 
 
-def table(trials: Sequence[Trial], *by: str) -> tuple[Row, ...]:
-    """Return what came of the trials that have the same of some fields.
-
-    Of the other fields of a row stands "all".
-    """
-    groups: dict[tuple[str, ...], list[Trial]] = {}
-    for trial in trials:
-        groups.setdefault(tuple(getattr(trial, name) for name in by), []).append(trial)
-    every = dict.fromkeys(("kind", "file", "spoiler", "sizes"), ALL)
-    return tuple(
-        Row(**every | dict(zip(by, key, strict=True)), **_counts(group))
-        for key, group in groups.items()
-    )
-
-
-def _counts(trials: Sequence[Trial]) -> dict[str, Any]:
-    outcomes = [trial.outcome for trial in trials]
-    harms = [trial.harm for trial in trials if trial.harm is not None]
-    return {name: outcomes.count(name) for name in get_args(Outcome)} | {
-        "count": len(trials),
-        "named": sum(trial.named is True for trial in trials),
-        "harmed": sum(harm > HARM for harm in harms),
-        "worst": max(harms, default=None),
-    }
-
-
 def study(found: list[Base], ways: Sequence[Spoiler], draws: int) -> Study:
     """Spoil recordings by each of some ways."""
     commit, clean = repository_state(ROOT)
     trials: list[Trial] = []
-    alarms: list[Alarm] = []
     errors = {}
     for base in found:
         with tempfile.TemporaryDirectory() as parent:
             unspoilt = Unspoilt.of(base, Path(parent, "recording"))
-            alarms += unspoilt.alarms
             errors[base.name] = float(f"{unspoilt.error:.3g}")
             trials += trials_of(unspoilt, ways, draws)
         print(f"{base.name}: {len(trials)} trials so far", flush=True)
@@ -280,9 +205,6 @@ def study(found: list[Base], ways: Sequence[Spoiler], draws: int) -> Study:
     return Study(
         made=made,
         errors=errors,
-        alarms=tuple(alarms),
-        totals=table(trials) + table(trials, "kind") + table(trials, "sizes"),
-        table=table(trials, "kind", "file", "spoiler", "sizes"),
         trials=tuple(trials),
     )
 

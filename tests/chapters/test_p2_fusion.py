@@ -14,9 +14,7 @@ from inswsn_book.judge.verdicts import Judged, Verdict
 from inswsn_book.record.results import Results
 from numpy.typing import NDArray
 
-from inswsn_lib.evaluation import monte_carlo
-from inswsn_lib.filters import handover_weights
-from inswsn_lib.lmi import FilterDesign, design_filter, riccati_gamma
+from inswsn_lib.lmi import riccati_gamma
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.scenario import from_settings, load_scenario
 from inswsn_lib.simulation import ClusterScene
@@ -215,69 +213,11 @@ def test_weights_with_one_ins_are_nearly_those_of_the_informations(results: Resu
     assert 0.65 > own[0] > own[1] > own[2] > 0
 
 
-# the first reading, in loops
+# the search, in loops
 
 
 def process(acceleration: float) -> Array:
     return np.diag(np.repeat([acceleration * T**2 / 2, acceleration * T], 2) ** 2)
-
-
-def kalman(y: Array, R: Array, Q: Array) -> Array:
-    """Return the predictions of a Kalman filter that takes one cluster after the other."""
-    x, P, estimates = np.zeros((4, y.shape[3])), 0.01 * np.eye(4), []
-    for k in range(y.shape[1]):
-        estimates.append(x)
-        for c in range(3):
-            rows = np.flatnonzero(~np.isnan(y[c, k, :, 0]))
-            S = P[np.ix_(rows, rows)] + R[c][np.ix_(rows, rows)]
-            gain = P[:, rows] @ np.linalg.inv(S)
-            x = x + gain @ (y[c, k, rows] - x[rows])
-            P = P - gain @ P[rows]
-        x, P = STEP @ x, STEP @ P @ STEP.T + Q
-    return np.array(estimates)
-
-
-def distributed(y: Array, designs: list[FilterDesign], rule: str, margins: Array) -> Array:
-    """Return the fused predictions of local filters, by a rule of handover."""
-    heard = [tuple(row) for row in ~np.isnan(y[:, :, 0, 0]).T]
-    weights = handover_weights(designs, {*heard, (True,) * 3}, "independent", "block")
-    local, fused, estimates = [np.zeros((4, y.shape[3]))] * 3, np.zeros((4, y.shape[3])), []
-    for k, there in enumerate(heard):
-        estimates.append(fused)
-        local = [
-            STEP @ x + d.gain @ np.nan_to_num(y[c, k] - x)
-            for c, (x, d) in enumerate(zip(local, designs, strict=True))
-        ]
-        M = weights[(True,) * 3 if rule == "constant" else there]
-        if rule == "fading" and margins[:, k].any():
-            M = weights[tuple(h and m > 0 for h, m in zip(there, margins[:, k], strict=True))]
-            M = margins[:, k, None, None] * M
-            M = np.linalg.inv(M.sum(axis=0)) @ M
-        fused = sum(M[c] @ local[c] for c in range(3))
-        if rule != "constant":
-            local = [x if h else fused for x, h in zip(local, there, strict=True)]
-    return np.array(estimates)
-
-
-def test_the_first_reading_by_loops(results: Results, scene: ClusterScene) -> None:
-    """The first runs of the chapter, drawn again."""
-    drawn = monte_carlo(scene.simulate, RUNS, 2012)
-    ins, y = drawn["ins"], drawn["ins"] - drawn["wsn"]
-    plain, Q, R = ErrorModel.p1(T), process(WHITE), scene.mean_covariance
-    designs = [design_filter(plain.with_covariances(Q, each)) for each in R]
-    errors = {"fkf": ins - kalman(y, R, Q)}
-    for rule in ("restart", "constant", "fading"):
-        errors[f"dhf-{rule}"] = ins - distributed(y, designs, rule, scene.margins(3.0))
-    for method, error in errors.items():
-        middle = np.median(np.abs(error).mean(axis=0), axis=1)
-        for axis, expected in zip(AXES, middle, strict=True):
-            found = results[f"sources.window.{method}.{axis}"]
-            assert found.value == pytest.approx(expected, rel=2e-3)
-    for method, error in (("fkf", errors["fkf"]), ("dhf", errors["dhf-restart"])):
-        for axis, each in zip(AXES, np.abs(error).mean(axis=0), strict=True):
-            low, high = results[f"first.{method}.{axis}"].interval or (0, 0)
-            # of 64 runs, three are expected outside
-            assert ((each < low) | (each > high)).sum() <= 10
 
 
 def test_the_filter_that_comes_near_the_implied_ratios_by_loops(results: Results) -> None:

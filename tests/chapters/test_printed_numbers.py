@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import math
-import os
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
-from inswsn_book.record.project import RESULTS_VARIABLE, Project
-from inswsn_book.record.results import Results, read_results
+from inswsn_book.record.project import Project
+from inswsn_book.record.results import Results
 
 from inswsn_lib.papers import read_table
 
@@ -103,30 +98,3 @@ def test_the_score_by_hand(results: Results) -> None:
     assert results["score.assumed"].value == 2 + 2 + 1 + 2
     assert results["score.claims"].value == 41
     assert len(results.sentences) >= 15
-
-
-QUICK = {"training_samples": 12, "outage_samples": 12}
-
-
-def test_plain_papermill_with_other_parameters(project: Project, tmp_path: Path) -> None:
-    """The line at the end of the chapter, as a reader would type it."""
-    quick = [word for name, value in QUICK.items() for word in ("-p", name, str(value))]
-    words = ["chapters/evidence/printed-numbers.ipynb", str(tmp_path / "out.ipynb"), *quick]
-    done = subprocess.run(
-        [sys.executable, "-m", "papermill", *words, "-p", "about_points", "9.5"],
-        cwd=project.root, env=os.environ | {RESULTS_VARIABLE: str(tmp_path / "results")},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    rerun = read_results(tmp_path / "results" / "printed-numbers.json")
-    assert rerun.parameters == {"about_points": 9.5, **QUICK}
-    # 60.8 % is within 9.5 points of 70 %, and 83.2 % of 75 %; 70.2 % is not of 80 %
-    assert rerun["table2.percentages.met"].value == 3
-    # a rerun goes on when a sentence no longer holds, and says which
-    overturned = [sentence for sentence, held in rerun.sentences.items() if not held]
-    assert (
-        "Percentages: of the statements on HF, the cells of area 1 support that on r_x alone."
-        in overturned
-    )
-    cells = json.loads((tmp_path / "out.ipynb").read_text())["cells"]
-    assert "support that on r_x alone" in json.dumps([c.get("outputs") for c in cells][-2:])

@@ -34,7 +34,7 @@ from inswsn_book.record.project import Project
 from inswsn_book.record.provenance import available_cores
 from inswsn_book.record.results import Provenance, Results, write_results
 from inswsn_book.run.compare import Change
-from inswsn_book.run.store import ChapterError, run, run_all
+from inswsn_book.run.store import ChapterError, run_all
 
 from inswsn_lib.errors import InswsnError
 
@@ -200,18 +200,6 @@ def test_a_short_chapter_in_every_variant_that_each_machine_has(
         if variant.id == "older-processor":
             # OpenBLAS calls what it has for processors before AVX by the name of the oldest
             assert all(re.search("Katmai|Prescott|Core2", library) for library in found.blas)
-
-
-@pytest.mark.whole
-def test_scs_designs(project: Project, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Live, in the shortest chapter that designs a filter."""
-    monkeypatch.setattr(project, "store", tmp_path)
-    (variant,) = (v for v in variants() if v.id == "scs")
-    request = variant.request(project, project.by_id("p1-lmi"))
-    done = run(project, request, Quiet())
-    found = compared(project, variant, project.by_id("p1-lmi"), done.results)
-    assert any("scs" in name for name in found.solvers)
-    assert found.flipped == ()
 
 
 # Its page ----------------------------------------------------------------------------------------

@@ -11,8 +11,6 @@ from conftest import WHOLE
 from spoilers import Spoiler, spoilers
 from spoilt_bases import made_wheels
 
-from inswsn_lib.errors import InswsnError
-
 
 @pytest.fixture(scope="module")
 def wheels(tmp_path_factory: pytest.TempPathFactory) -> study.Unspoilt:
@@ -22,41 +20,12 @@ def wheels(tmp_path_factory: pytest.TempPathFactory) -> study.Unspoilt:
 
 @pytest.fixture(scope="module")
 def kept(root: Path) -> study.Study:
-    return study.read_spoilt(root / study.SPOILT)
+    return study.Study.model_validate_json((root / study.SPOILT).read_text(encoding="utf-8"))
 
 
-def trial(outcome: str, **more: object) -> study.Trial:
-    fields = {"recording": "r", "kind": "k", "file": "f", "spoiler": "s", "sizes": "small"}
-    return study.Trial.model_validate(fields | {"draw": 0, "outcome": outcome} | more)
-
-
-def test_the_table_counts_the_trials() -> None:
-    trials = [
-        trial("refused"),
-        trial("detected", named=True),
-        trial("detected", named=False, sizes="large"),
-        trial("passed", harm=1.05),
-        trial("unknown", harm=3.0),
-        trial("passed", harm=0.9, sizes="large"),
-    ]
-    [every] = study.table(trials)
-    assert (every.kind, every.file, every.spoiler, every.sizes) == ("all",) * 4
-    assert (every.count, every.refused, every.detected, every.named) == (6, 1, 2, 1)
-    assert (every.unknown, every.passed, every.stopped, every.traceback) == (1, 2, 0, 0)
-    assert (every.harmed, every.worst) == (1, 3.0)
-    small, large = study.table(trials, "sizes")
-    assert (small.sizes, small.count, small.worst) == ("small", 4, 3.0)
-    assert (large.sizes, large.count, large.harmed, large.worst) == ("large", 2, 0, 0.9)
-
-
-def test_the_kept_tables_follow_from_the_kept_trials(kept: study.Study) -> None:
-    trials = kept.trials
-    assert len(trials) >= 500
-    assert kept.table == study.table(trials, "kind", "file", "spoiler", "sizes")
-    assert kept.totals == (
-        study.table(trials) + study.table(trials, "kind") + study.table(trials, "sizes")
-    )
-    assert {each.recording for each in trials} == {*kept.errors}
+def test_each_kept_trial_is_of_a_recording_whose_error_is_kept(kept: study.Study) -> None:
+    assert len(kept.trials) >= 500
+    assert {each.recording for each in kept.trials} == {*kept.errors}
 
 
 def test_no_kept_trial_ended_with_a_traceback(kept: study.Study) -> None:
@@ -115,9 +84,3 @@ def test_spoilers_change_what_they_say(tmp_path: Path) -> None:
     assert abs(spoil("late clock", 0.3)[:, 0] - np.arange(100) / 10) == pytest.approx(0.3)
     assert spoil("speed too large", 0.5)[:, 1] == pytest.approx(1.5 * np.arange(1, 101))
     assert spoil("stamps in ms", 0.0)[:, 0] == pytest.approx(100 * np.arange(100))
-
-
-def test_another_file_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "other.json").write_text("{}")
-    with pytest.raises(InswsnError, match="is not a study"):
-        study.read_spoilt(tmp_path / "other.json")

@@ -170,10 +170,13 @@ def _row_difference(found: Array, expected: Array, unit: Array) -> float:
     return float((gap / np.where(size > 0, size, 1.0)).max())
 
 
-def run_pyins(drive: Drive, believed: FilterSettings, last: int, step: float) -> Array:
-    """Return the positions that pyins' feedback filter finds for the first run by GPS alone.
+def run_pyins(
+    drive: Drive, believed: FilterSettings, last: int, step: float
+) -> tuple[Array, pd.DataFrame]:
+    """Return what pyins' feedback filter finds for the first run by GPS alone, at the epochs.
 
-    It has the same start, noises and fixes, up to the epoch `last`, and steps of its own (s).
+    Positions, (epochs, 3), as in `Drive`, and deviations by pyins' names and in its units. It has
+    the same start, noises and fixes, up to the epoch `last`, and steps of its own (s).
     """
     start, samples = align(drive, believed)[0], last * drive.samples_per_epoch
     rph = transform.mat_to_rph(_TO_NED @ start.attitude)
@@ -219,7 +222,9 @@ def run_pyins(drive: Drive, believed: FilterSettings, last: int, step: float) ->
         ],
         time_step=step,
     )
-    return np.asarray(found.trajectory[LLA_COLS].to_numpy()[:: drive.samples_per_epoch] / _DEGREES)
+    track = found.trajectory.iloc[:: drive.samples_per_epoch]
+    places = np.asarray(track[LLA_COLS].to_numpy() / _DEGREES)
+    return places, found.trajectory_sd.reindex(track.index)
 
 
 class Epoch:

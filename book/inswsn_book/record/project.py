@@ -28,8 +28,7 @@ MODULES_VARIABLE = "INSWSN_MODULES"
 _MARKERS = ("_config.yml", "environment.lock", "chapters", "data")
 # What executes chapters. What chapters import of the machinery is told by their code.
 EXECUTING = tuple(
-    f"inswsn_book.{name}"
-    for name in (*("run.cores", "run.kernels", "run.fork_server", "run.store"), "record.notebooks")
+    f"inswsn_book.{name}" for name in ("run.cores", "run.kernels", "run.store", "record.notebooks")
 )
 _CHAPTER_NAME = re.compile(r"^(\d-|evidence/)?[a-z0-9]+(-[a-z0-9]+)*$")
 

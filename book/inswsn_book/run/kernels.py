@@ -14,27 +14,10 @@ from typing import Any
 import papermill
 import zmq
 from jupyter_client.kernelspec import KernelSpec
-from jupyter_client.provisioning.local_provisioner import LocalProvisioner
 from papermill.clientwrap import PapermillNotebookClient
 from papermill.engines import NBClientEngine, papermill_engines
 
-from inswsn_book.run.fork_server import Forker
-
 _START_TIMEOUT = 60  # s
-_FORKER = Forker()
-
-
-class _Forked(LocalProvisioner):
-    """Has a kernel forked from a process in which what takes long to load is loaded."""
-
-    async def launch_kernel(self, cmd: list[str], **kwargs: Any) -> Any:
-        """Launch the kernel; see Jupyter's client."""
-        process = _FORKER.fork(cmd[3:], kwargs["env"], kwargs["cwd"], kwargs["stderr"].fileno())
-        if process is None:
-            return await super().launch_kernel(cmd, **kwargs)
-        self.process = process  # type: ignore[assignment]  # it has the methods of one
-        self.pid = self.pgid = process.pid
-        return self.connection_info
 
 
 class _Engine(NBClientEngine):  # type: ignore[misc]  # papermill has no types
@@ -64,8 +47,6 @@ class _Engine(NBClientEngine):  # type: ignore[misc]  # papermill has no types
         # by its path: whatever Jupyter finds by a name may be another one
         command = [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}"]
         kernel._kernel_spec = KernelSpec(argv=command, language="python")
-        if options.pop("forked"):
-            kernel.provisioner = _Forked(kernel_spec=kernel._kernel_spec, parent=kernel)
         folder = Path(options["cwd"])
         kernel.connection_file = str(folder / "kernel.json")
         # by files of its folder, where their path is no longer than a socket's may be: of network
@@ -84,7 +65,6 @@ def execute_notebook(
     parameters: Mapping[str, object],
     folder: Path,
     environment: Mapping[str, str],
-    forked: bool = False,
     tell_kernel: Callable[[Any], None] = lambda _: None,
     tell_cell: Callable[[int, int, str], None] = lambda *_: None,
 ) -> Any:
@@ -92,8 +72,7 @@ def execute_notebook(
 
     Raises what papermill and nbclient raise where a cell fails or the kernel dies; what the kernel
     itself says on standard error is in ``kernel.log``. Before that the manager of the kernel and,
-    as each starts, the number of the cell, of how many, and its id are told. A `forked` kernel
-    starts sooner, and has the linear algebra set up by the environment of the first of them.
+    as each starts, the number of the cell, of how many, and its id are told.
     """
     with (folder / "kernel.log").open("w", encoding="utf-8") as log:
         return papermill.execute_notebook(
@@ -103,13 +82,7 @@ def execute_notebook(
             engine_name="inswsn",
             kernel_name="python3",
             progress_bar=False,
-            options={
-                "cwd": str(folder),
-                "env": dict(environment),
-                "stderr": log,
-                # a process with threads, or on a Mac, must not be forked
-                "forked": forked and sys.platform == "linux",
-            },
+            options={"cwd": str(folder), "env": dict(environment), "stderr": log},
             tell_kernel=tell_kernel,
             tell_cell=tell_cell,
         )

@@ -438,10 +438,13 @@ def _execute(
         }
         try:
             executed = execute_notebook(
-                notebook, prepared.parameters, folder, environment | own,
-                # what a library reads of its environment as it is loaded is that of the others
-                request.threads == 1 and not request.variables, kernels.append, tell_cell,
-            )  # fmt: skip
+                notebook,
+                prepared.parameters,
+                folder,
+                environment | own,
+                kernels.append,
+                tell_cell,
+            )
         except Exception as error:  # whatever papermill, nbclient or the kernel raise
             log = (folder / "kernel.log").read_text(encoding="utf-8", errors="replace")
             raise _failure(chapter.name, place, error, log) from None

@@ -105,35 +105,6 @@ def test_a_tiny_scene_by_hand(build: Build) -> None:
         assert found[name].numbers.tolist() == numbers, name
 
 
-def test_clusters_that_are_lines_send_nothing(build: Build) -> None:
-    """Two rows of three nodes, each a cluster, of which all are heard at some step."""
-    rows = {"size": [14, 7], "clusters": [[0, 14, 0, 0], [0, 14, 7, 7]], "reach": 8}
-    scene = build(**rows, waypoints=[[7, 0.4], [7, 15.4]], speed=6, period=0.5)
-    assert scene.heard.all(axis=1).any()
-    for traffic in count_traffic(scene).values():
-        assert traffic.transmissions.tolist() == traffic.numbers.tolist() == [0] * 6
-
-
-def test_with_one_hop_between_any_two_nodes(build: Build) -> None:
-    """Each message is one transmission, or none if it stays where it is."""
-    scene = build(period=2, reach=80)
-    found = count_traffic(scene)
-    # all 70 are heard: all but the centre send, and INS and estimate take two hops at most
-    nearest = np.linalg.norm(scene.motion.position[:, None] - scene.nodes, axis=2).argmin(axis=1)
-    centre = 1 + (nearest != scene.centre)
-    heads = sum(1 + (nearest != head) for head in scene.heads)
-    direct, packed, local, full, reset = (found[name] for name in OPERATIONS)
-    assert np.array_equal(direct.transmissions, 69 + 2 * centre)
-    # 67 members to their heads, and three heads to the centre
-    assert np.array_equal(packed.transmissions, 67 + 3 + 2 * centre)
-    assert np.array_equal(packed.numbers, 67 + 70 + 8 * centre)
-    assert np.array_equal(local.transmissions, 67 + 3 + heads + centre)
-    assert np.array_equal(local.numbers, 67 + 12 + 4 * (heads + centre))
-    assert np.array_equal(full.numbers, local.numbers + 30)
-    assert np.array_equal(reset.numbers, full.numbers + 42)
-    assert np.array_equal(reset.transmissions, full.transmissions + 3)
-
-
 def test_a_network_that_falls_apart_and_nodes_that_are_none(build: Build) -> None:
     nodes = [(0.0, 0.0), (7.0, 0.0), (20.0, 0.0)]
     for reach in (0.0, 6.9, 12.9, float("nan")):
