@@ -129,9 +129,10 @@ class Moving:
     def number(self, method: str, label: str, what: Any) -> None:
         """Say a number, a text with its unit, beside the sliders.
 
-        It has the key of its method's series if it is the only number of that method.
+        It has the key of its method's series if it is the only number of that method; "" for none.
         """
-        self._take(method)
+        if method:
+            self._take(method)
         self._numbers.append((method, label, self._table(what)))
 
     def goal(self, text: str, reached: Callable[..., bool]) -> None:
