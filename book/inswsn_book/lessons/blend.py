@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -99,11 +99,8 @@ def show_instruments(run: ExampleRun) -> None:
     shown.draw(rough, "network", "fixes", (run.time, network), style="points")
     shown.number("ins", "mean step of the INS error", f"{abs(np.diff(ins)).mean():.2f} m")
     shown.number("network", "mean step of the fix error", f"{abs(np.diff(network)).mean():.2f} m")
-    shown.sentence(lambda: (
-        f"Over 20 seconds, the error of the INS in x changes smoothly from {ins[0]:.1f} to "
-        f"{ins[-1]:.1f} m; that of the fixes jumps between {network.min():.2f} and "
-        f"{network.max():.2f} m."
-    ))  # fmt: skip
+    ends = f"from {ins[0]:.1f} to {ins[-1]:.1f} m; that of the fixes jumps about zero"
+    shown.sentence(lambda: f"The error of the INS in x changes smoothly {ends}.")
     shown.show(
         name="fig-l2-instruments",
         caption="The same 20 seconds and the same axis; note the different scales. The error of "
@@ -141,9 +138,8 @@ def show_bells(*, start: float = 0.2, measured: float = 0.3, R: float = 0.1**2) 
         "Two bells make a narrower one",
         Slider("s", "uncertainty of the prediction", [*sizes], start, "± {:.2f} m"),
     )
-    chart = shown.chart(
-        "Probability density", x="error of the INS (m)", y="1/m", xlim=(-0.6, 0.8), ylim=(0, 12)
-    )
+    axes = {"x": "error of the INS (m)", "y": "1/m", "xlim": (-0.6, 0.8), "ylim": (0, 12)}
+    chart = shown.chart("Probability density", **axes)
 
     def blend(s: float) -> tuple[float, float]:
         K = s**2 / (s**2 + R)
@@ -151,10 +147,8 @@ def show_bells(*, start: float = 0.2, measured: float = 0.3, R: float = 0.1**2) 
 
     shown.draw(chart, "ins", "prediction", lambda s: (x, _bell(x, 0, s)), at=52)
     shown.draw(chart, "network", "fix", (x, _bell(x, measured, R**0.5)), at=100)
-    shown.draw(
-        chart, "kalman", "blend",
-        lambda s: (x, _bell(x, blend(s)[0] * measured, blend(s)[1])), at=82,
-    )  # fmt: skip
+    bells = {s: _bell(x, blend(s)[0] * measured, blend(s)[1]) for s in sizes}
+    shown.draw(chart, "kalman", "blend", lambda s: (x, bells[s]), at=82)
     shown.number("", "gain K = M/(M + R)", lambda s: f"{blend(s)[0]:.2f}")
     shown.number("kalman", "uncertainty of the blend", lambda s: f"± {blend(s)[1]:.3f} m")
     shown.sentence(
@@ -168,39 +162,37 @@ def show_bells(*, start: float = 0.2, measured: float = 0.3, R: float = 0.1**2) 
 
 def show_outage(run: ExampleRun, run_filter: Filter) -> None:
     """Show the covariance on the map and the band of two sigma in x, with an outage."""
-    lengths, seconds = [0, 10, 20, 40], [*range(4, 20)]
+    lengths, seconds, k = [0, 10, 20, 40], [*range(4, 20)], np.arange(len(run.time))
     shown = Moving(
         "A filter that knows its own uncertainty",
         Slider("n", "fixes lost", lengths, 20, "{:d}"),
         Slider("t", "time", seconds, 12, "{:d} s", plays=True),
     )
-    heard, corrected, covariances = {}, {}, {}
-    for n in lengths:
-        y = run.ins - run.network
-        y[40 : 40 + n] = np.nan
-        heard[n] = np.isfinite(y[:, 0])
-        estimates, covariances[n] = run_filter(y, 1.0)
-        corrected[n] = run.ins - estimates
+    kept = {n: (k < 40) | (k >= 40 + n) for n in lengths}
+    found = {
+        n: run_filter(np.where(kept[n][:, None], run.ins - run.network, np.nan), 1.0)
+        for n in lengths
+    }
     turn = np.linspace(0, 2 * np.pi, 49)
+    circle = 2 * np.array([np.cos(turn), np.sin(turn)])
 
     def ellipse(n: int, t: int) -> Array:
-        root = np.linalg.cholesky(covariances[n][5 * t, :2, :2])
-        return corrected[n][5 * t, :2, None] + 20 * root @ [np.cos(turn), np.sin(turn)]
+        estimate, P = found[n][0][5 * t], found[n][1][5 * t]
+        middle = (run.ins[5 * t] - estimate)[:2, None]
+        return middle + 10 * np.linalg.cholesky(P[:2, :2]) @ circle
 
-    place = shown.chart(
-        "Map (ellipse ten times its size)", x="x (m)", y="y (m)", xlim=(370, 500), ylim=(5, 65),
-        equal=True,
-    )  # fmt: skip
+    axes = {"x": "x (m)", "y": "y (m)", "xlim": (370, 500), "ylim": (5, 65)}
+    place = shown.chart("Map (ellipse ten times its size)", equal=True, **axes)
     shown.draw(place, "truth", "", run.truth[:, :2].T)
     shown.draw(
-        place, "network", "fixes", style="points",
-        what=lambda n, t: run.network[: 5 * t + 1, :2][heard[n][: 5 * t + 1]].T,
+        place, "network", "fixes", lambda n, t: run.network[kept[n] & (k <= 5 * t), :2].T,
+        style="points",
     )  # fmt: skip
     shown.draw(place, "kalman", "", ellipse)
     shown.draw(place, "truth", "", lambda t: run.truth[5 * t, :2, None], style="handle")
-    error = {n: (corrected[n] - run.truth)[:, 0] for n in lengths}
-    band = {n: 2 * np.sqrt(covariances[n][:, 0, 0]) for n in lengths}
     chart = shown.chart("Error in x", x="time (s)", y="error (m)", xlim=(0, 20), ylim=(-2, 2))
+    error = {n: (run.ins - x - run.truth)[:, 0] for n, (x, _) in found.items()}
+    band = {n: 2 * np.sqrt(P[:, 0, 0]) for n, (_, P) in found.items()}
     shown.draw(chart, "kalman", "", lambda n: (run.time, -band[n], band[n]), style="band")
     shown.draw(chart, "kalman", "error", lambda n: (run.time, error[n]))
     shown.draw(chart, "truth", "", lambda n, t: ([t], [error[n][5 * t]]), style="points")
@@ -271,12 +263,10 @@ def show_weights(weights: Callable[[float], Array], *, start: float) -> None:
         "How far back a filter remembers",
         Slider("q", "assumed Q / matched Q", [*FACTORS], start, "{:g}"),
     )
-    charts = [
-        shown.chart(title, x="fixes ago", y="weight", xlim=(-0.6, 12.6), ylim=(-0.1, 1.05))
-        for title in ("Kalman filter", "P1's filter as published")
-    ]
-    shown.draw(charts[0], "kalman", "Kalman", lambda q: (past, of[q]), style="bars", at=8)
-    shown.draw(charts[1], "hinfinity", "P1", (past, (past == 0) * 1.0), style="bars", at=8)
+    axes = {"x": "fixes ago", "y": "weight", "xlim": (-0.6, 12.6), "ylim": (-0.1, 1.05)}
+    chart = shown.chart("Weights of past fixes", **axes)
+    shown.draw(chart, "kalman", "", lambda q: (past, of[q]), style="bars")
+    shown.draw(chart, "hinfinity", "P1", (past, (past == 0) * 1.0), style="points", at=0)
     shown.number("kalman", "weight of the latest fix", lambda q: f"{of[q][0]:.2f}")
     shown.number("hinfinity", "the same in P1's filter", "1.00")
     shown.sentence(
@@ -284,22 +274,15 @@ def show_weights(weights: Callable[[float], Array], *, start: float) -> None:
     )
     shown.show(
         name="fig-l2-weights",
-        caption="The weights of past fixes in the corrected position. The published filter has one "
-        "bar: it has no memory.",
+        caption="Bars: the Kalman filter. Dots: P1's filter as published, which has no memory.",
     )
 
 
-def hold(
-    record: book.ChapterRecord, run: ExampleRun, by_gain: ByGain, run_filter: Filter,
-    found: Mapping[str, Array],
-) -> None:  # fmt: skip
+def hold(record: book.ChapterRecord, run: ExampleRun, by_gain: ByGain, run_filter: Filter) -> None:
     """Record what the lesson found, and hold its sentences."""
     for name in ("p1", "p1-inertial"):
         record.data(f"scenarios/{name}.yaml")
     printed = read_rows(record.data("papers/p1-table2.csv"), index="method")
-    for name, estimate in found.items():
-        error = abs(run.ins - estimate - run.truth)[:, 0].mean()
-        record.note(f"x.{name.lower()}", error, "m", "Mean absolute error in x over the area.")
     record.say("kf.taken.unit", f"{record.reference('p1-training', 'kf.taken.unit').value:.0f}")
     for chapter, said in (("recorded-data", "room.memory"), ("lesson-8", "room.white")):
         record.say(said, f"{record.reference(chapter, said).value:.0f}")
@@ -312,10 +295,8 @@ def hold(
     worse = [float(printed["KF"][cell]) > float(printed["HF"][cell]) for cell in printed["HF"]]
     record.note("fixes", 100 * fixes, "cm", "Mean distance of the fixes from the true positions.")
     record.holds("A constant gain gets below 10 cm.", by_hand < 0.1)
-    record.holds(
-        "At its best the Kalman filter is better than any filter with a constant gain.",
-        best < by_hand,
-    )
+    words = "At its best the Kalman filter is better than any filter with a constant gain."
+    record.holds(words, best < by_hand)
     record.holds("With the right size of Q it is too sure of itself.", too_sure)
     record.holds("P1's Kalman filter is worse in all cells.", all(worse))
     record.write()
