@@ -72,12 +72,12 @@ def show_biases(drive: ExampleDrive, navigate: Locate) -> None:
     }
     chart = shown.chart("Position error", x="time (s)", y="error (m)", xlim=(0, 93), ylim=(0, 300))
     shown.draw(chart, "ins", "INS", lambda g, a: (drive.time[::5], found[g, a][::5]), at=12)
-    shown.number("", "error after 20 s", lambda g, a: f"{found[g, a][200]:.1f} m")
-    shown.number("", "error after 93 s", lambda g, a: f"{found[g, a][-1]:.0f} m")
-    shown.sentence(lambda g, a: (
-        f"With these biases, the error is {found[g, a][200]:.1f} m after 20 s and "
-        f"{found[g, a][-1]:.0f} m after 93 s."
-    ))  # fmt: skip
+
+    def said(g: float, a: float) -> str:
+        return f"{found[g, a][200]:.1f} m after 20 s, {found[g, a][-1]:.0f} m after 93 s"
+
+    shown.number("ins", "error", said)
+    shown.sentence(lambda g, a: f"With these biases, the error is {said(g, a)}.")
     shown.show(
         name="fig-l1-biases",
         caption="With an accelerometer bias, the error grows as the square of time from the "
@@ -100,9 +100,8 @@ def show_walks(time: Array, walks: dict[str, Array], sizes: dict[str, Array]) ->
 
     add("velocity", "m/s")
     add("position", "m")
-    shown.sentence(
-        lambda n: f"In run {n}, the position error is {walks['position'][n - 1, -1]:.1f} m at last."
-    )
+    ends = walks["position"][:, -1]
+    shown.sentence(lambda n: f"In run {n}, the position error in the end is {ends[n - 1]:.1f} m.")
     shown.show(
         name="fig-l1-walks",
         caption="White noise of the accelerometers alone. The bands are one standard deviation: "
@@ -121,31 +120,34 @@ def show_fix(nodes_at: Callable[[float], Array], locate: Locate, rng: np.random.
     # U'U is diagonal: along the first node, and across
     sigma = {a: np.linalg.inv(nodes_at(a).T @ nodes_at(a) / 100).diagonal() ** 0.5 for a in angles}
     dilution = {a: float(np.hypot(*sigma[a])) for a in angles}
-    turn = np.linspace(0, 2 * np.pi, 49)
-    circle = np.array([np.cos(turn), np.sin(turn)])
+    circle = np.array([[np.cos(turn), np.sin(turn)] for turn in np.linspace(0, 2 * np.pi, 49)]).T
     chart = shown.chart("Map", x="x (m)", y="y (m)", xlim=(-14, 14), ylim=(-10, 10), equal=True)
     shown.draw(
         chart, "published", "", lambda a, s: (*nodes_at(a).T, 10 + s * noise[0]), style="circle"
     )
+    shown.draw(chart, "truth", "vehicle", ([0], [0]), style="points")
     shown.draw(chart, "published", "node", lambda a: nodes_at(a).T[:, 1:2], style="handle", at=0)
     shown.draw(chart, "published", "", lambda a: nodes_at(a).T[:, ::2], style="points")
-    shown.draw(
-        chart, "network", "", style="points",
-        what=lambda a, s: np.array([locate(nodes_at(a), 10 + s * draw) for draw in noise]).T,
-    )  # fmt: skip
+
+    def fixes(a: float, s: float) -> Array:
+        return np.array([locate(nodes_at(a), 10 + s * draw) for draw in noise]).T
+
+    shown.draw(chart, "network", "", fixes, style="points")
     shown.draw(chart, "network", "", lambda a, s: 2 * s * sigma[a][:, None] * circle)
-    shown.number("", "error along x (σ)", lambda a, s: f"{s * sigma[a][0]:.2f} m")
-    shown.number("", "error across, along y (σ)", lambda a, s: f"{s * sigma[a][1]:.2f} m")
+
+    def said(a: float, s: float) -> str:
+        return f"{s * sigma[a][0]:.2f} m and {s * sigma[a][1]:.2f} m"
+
+    shown.number("", "standard deviation in x and y", said)
     shown.number("", "dilution of precision", lambda a: f"{dilution[a]:.2f}")
     shown.goal("dilution of precision below 1.2", lambda a: dilution[a] < 1.2)
-    shown.sentence(lambda a, s: (
-        f"With nodes {a}° apart and range errors of {s:g} m, a fix errs by {s * sigma[a][0]:.2f} m "
-        f"along the middle direction and {s * sigma[a][1]:.2f} m across."
-    ))  # fmt: skip
+    shown.sentence(
+        lambda a, s: f"With nodes {a}° apart, the standard deviations in x and y are {said(a, s)}."
+    )
     shown.show(
         name="fig-l1-fix",
         caption="Drag a node. Each measured range is a circle, and the circles nearly meet at the "
-        "vehicle. The dots are sixty fixes; about nine in ten lie in the ellipse of 2σ.",
+        "vehicle. The dots are sixty fixes; about 86 % lie in the ellipse of 2σ.",
     )
 
 

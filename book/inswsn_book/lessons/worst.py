@@ -18,19 +18,12 @@ from inswsn_lib.navigation import ExampleRun
 Array = NDArray[np.float64]
 #: Of A, B, C, D: a gain at a gamma first, the least gamma, or singular values of a gain first
 ByModel = Callable[..., Any]
-#: Of one random system: the largest eigenvalue of each step of P1's proof
-Votes = dict[str, float]
 
 PUSHED, SEEN = 24, 36  # samples of a disturbance, and of the error that it makes
 GAINS = np.unique(np.append(np.round(np.arange(0.4, 1.36, 0.05), 2), 0.618))
 BOUNDS = np.round(np.arange(1.3, 2.41, 0.05), 2)
 MARGINS = (0.001, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 1.0, 3.0, 10.0)
 FACTORS = 10.0 ** np.arange(-4, 5)
-
-
-def scalar(g: float, drift: float = 1.0, noise: float = 1.0) -> tuple[Array, Array]:
-    """Return how the error of a random walk's filter goes on, and how the disturbances enter."""
-    return np.array([[1 - g]]), np.array([[drift, -g * noise]])
 
 
 def errors_of(g: float, w: Array, v: Array) -> Array:
@@ -94,9 +87,7 @@ def show_game(*, kalman: float, hinfinity: float) -> None:
         f"With {c} cycles and {s} % of the energy in the fixes, the Kalman filter's error has the "
         f"energy {ratio(kalman, c, s):.2f}, the H-infinity filter's {ratio(hinfinity, c, s):.2f}."
     ))  # fmt: skip
-    shown.goal(
-        "energy of the Kalman filter's error above 3.5", lambda c, s: ratio(kalman, c, s) > 3.5
-    )
+    shown.goal("Kalman: energy above 3.5", lambda c, s: ratio(kalman, c, s) > 3.5)
     shown.show(
         name="fig-l3-game",
         caption="The energy that you put in is 1. A minus sign means that the fix "
@@ -170,12 +161,9 @@ def show_certificate(*, kalman: float, hinfinity: float) -> None:
     P = np.round(np.arange(0.5, 4.001, 0.025), 3)
 
     def largest(g: float, bound: float, P: Array) -> Array:
-        a, b = scalar(g)
-        both = np.hstack([a, b])
-        matrices = P[:, None, None] * (both.T @ both)
+        both = np.array([1 - g, 1, -g])
+        matrices = P[:, None, None] * np.outer(both, both) - np.diag([0, bound**2, bound**2])
         matrices[:, 0, 0] += 1 - P
-        matrices[:, 1, 1] -= bound**2
-        matrices[:, 2, 2] -= bound**2
         return np.asarray(np.linalg.eigvalsh(matrices)[:, -1])
 
     fine = np.linspace(0.5, 4, 3501)
@@ -211,7 +199,7 @@ def show_certificate(*, kalman: float, hinfinity: float) -> None:
 STEPS = ("2.16", "2.18", "2.19", "2.20", "2.21")
 
 
-def largest_eigenvalues(A: Array, B: Array, P: Array, gamma: float) -> Votes:
+def largest_eigenvalues(A: Array, B: Array, P: Array, gamma: float) -> dict[str, float]:
     """Return the largest eigenvalue of the matrix of each step of P1's proof, without jitter."""
     n, p = B.shape
     PA, PB, cost, across = P @ A, P @ B, gamma**2 * np.eye(p), A.T @ P @ B
@@ -314,12 +302,11 @@ def show_price(response: ByModel, gains: Mapping[float, Array], kalman: Array) -
     )
 
 
-def axis_model(run: ExampleRun, factor: float) -> ErrorModel:
-    """Return the model of one of the vehicle's axes, which are alike, by the factor on its Q."""
-    return ErrorModel(
-        A=np.array([[1, run.period], [0, 1]]), B=np.diag(run.process * factor**0.5), C=np.eye(2),
-        D=np.diag(run.measurement), period=run.period,
-    )  # fmt: skip
+def models_of(run: ExampleRun, factor: float) -> tuple[ErrorModel, list[Array]]:
+    """Return the vehicle's model by the factor on its Q, and A, B, C, D of one axis: both alike."""
+    noise = run.process * factor**0.5
+    both = ErrorModel.p1(run.period, process_noise=noise, measurement_noise=run.measurement)
+    return both, [each[::2, ::2] for each in (both.A, both.B, both.C, both.D)]
 
 
 def show_vehicle(
@@ -332,21 +319,14 @@ def show_vehicle(
     bound; for 10,000 Q the relative difference, and the Kalman filter's error over the fixes'.
     """
     y, margins, matched, small = run.ins - run.network, sorted({0.01, 0.1, 0.3, start}), 4, 2
-    axes = [axis_model(run, factor) for factor in FACTORS]
-    models = [(axis.A, axis.B, axis.C, axis.D) for axis in axes]
-    bounds = [least(*model) for model in models]
+    models = [models_of(run, factor) for factor in FACTORS]
+    bounds = [least(*axis) for _, axis in models]
     error: dict[float, list[float]] = {m: [] for m in (*margins, np.inf)}  # the last is Kalman's
-    for axis, model, bound in zip(axes, models, bounds, strict=True):
-        both = ErrorModel.p1(run.period).with_covariances(
-            *(
-                np.kron(each, np.eye(2))
-                for each in (axis.process_covariance, axis.measurement_covariance)
-            )
-        )
+    for (both, axis), bound in zip(models, bounds, strict=True):
         x = run_kalman(both, y, initial_covariance=1e6 * np.eye(4))
         error[np.inf].append(float(run.distances(run.ins - x).mean()))
         for m in margins:
-            gain = np.kron(riccati((1 + m) * bound, *model), np.eye(2))
+            gain = np.kron(riccati((1 + m) * bound, *axis), np.eye(2))
             x = run_hinfinity((both, gain), y, initial_state=y[0])
             error[m].append(float(run.distances(run.ins - x).mean()))
     shown = Moving("The vehicle", Slider("m", "margin m", margins, margins[0], "{:g}"))
@@ -377,25 +357,16 @@ def show_vehicle(
         caption="With a matched Q the Kalman filter is better. With Q much too small, "
         "an H∞ filter with a small margin is better. Find a margin that is good in both cases.",
     )
-    kalman, gain = (
-        riccati(np.inf, *models[small]),
-        riccati((1 + start) * bounds[small], *models[small]),
-    )
-    ends = [error[m][-1] / fixes for m in (np.inf, start)]
-    cases = {
-        "kalman.worst": float(response(kalman, *models[small]).max()),
-        "hinfinity.bound": (1 + start) * bounds[small],
-        "merged": abs(ends[1] / ends[0] - 1),
-        "end": ends[0],
-        "kalman.gain": float(kalman[0, 0]),
-        "hinfinity.gain": float(gain[0, 0]),
-    }
+    axis, bound = models[small][1], (1 + start) * bounds[small]
+    kalman, gain = riccati(np.inf, *axis), riccati(bound, *axis)
+    ends = error[np.inf][-1] / fixes, error[start][-1] / fixes
+    found = {"kalman.gain": kalman[0, 0], "hinfinity.gain": gain[0, 0], "hinfinity.bound": bound}
+    found |= {"kalman.worst": response(kalman, *axis).max(), "end": ends[0]}
+    found |= {"merged": abs(ends[1] / ends[0] - 1)}
     for name, m in (("kalman", np.inf), ("hinfinity", start)):
-        cases |= {
-            f"{name}.matched": 100 * error[m][matched],
-            f"{name}.small": 100 * error[m][small],
-        }
-    return cases
+        found[f"{name}.matched"] = 100 * error[m][matched]
+        found[f"{name}.small"] = 100 * error[m][small]
+    return {name: float(value) for name, value in found.items()}
 
 
 def hold(
