@@ -38,15 +38,13 @@ def centimetres(metres: float) -> str:
     return f"{100 * metres:.1f} cm"
 
 
-def by_library(run: ExampleRun, g: float) -> Array:
-    """Return estimates of the error of the INS, (samples, 4), by a filter of constant gain."""
-    model, y = ErrorModel.p1(run.period), run.ins - run.network
-    return run_hinfinity((model, g * model.A), y, initial_state=y[0], predicted=False)
-
-
 def show_map(run: ExampleRun, *, start: float) -> None:
     """Show INS, fixes and blend on the map and near the vehicle, by a constant gain and time."""
-    found = {g: run.ins - by_library(run, float(g)) for g in GAINS}
+    model, y = ErrorModel.p1(run.period), run.ins - run.network
+    found = {
+        g: run.ins - run_hinfinity((model, g * model.A), y, initial_state=y[0], predicted=False)
+        for g in GAINS
+    }
     shown = Moving(
         "One gain between two instruments",
         Slider("g", "gain g", [*GAINS], GAINS[np.argmin(abs(GAINS - start))], "g = {:.3f}"),
@@ -65,13 +63,13 @@ def show_map(run: ExampleRun, *, start: float) -> None:
     shown.draw(place, "truth", "", lambda t: until(run.truth, t, 1), style="handle")
     near = shown.chart(
         "Error of the last four seconds: the vehicle is at the centre", x="error in x (m)",
-        y="error in y (m)", xlim=(-1, 1), ylim=(-0.5, 0.5), equal=True,
+        y="error in y (m)", xlim=(-1.2, 1.2), ylim=(-0.6, 0.6), equal=True,
     )  # fmt: skip
     shown.draw(near, "truth", "", ([0], [0]), style="points")
     shown.draw(
         near, "network", "fixes", lambda t: until(run.network - run.truth, t, 20), style="points"
     )
-    shown.draw(near, "constant", "blend", lambda g, t: until(found[g] - run.truth, t, 20))
+    shown.draw(near, "constant", "blend", lambda g, t: until(found[g] - run.truth, t, 20), at=0)
     mean = {g: float(run.distances(estimates).mean()) for g, estimates in found.items()}
     shown.number("ins", "INS, correct at the start", f"{run.distances(drifting).mean():.1f} m")
     shown.number("network", "fixes alone", centimetres(float(run.distances(run.network).mean())))
@@ -166,7 +164,7 @@ def show_outage(run: ExampleRun, run_filter: Filter) -> None:
     shown = Moving(
         "A filter that knows its own uncertainty",
         Slider("n", "fixes lost", lengths, 20, "{:d}"),
-        Slider("t", "time", seconds, 12, "{:d} s", plays=True),
+        Slider("t", "time", seconds, 11, "{:d} s", plays=True),
     )
     kept = {n: (k < 40) | (k >= 40 + n) for n in lengths}
     found = {
@@ -179,7 +177,7 @@ def show_outage(run: ExampleRun, run_filter: Filter) -> None:
     def ellipse(n: int, t: int) -> Array:
         estimate, P = found[n][0][5 * t], found[n][1][5 * t]
         middle = (run.ins[5 * t] - estimate)[:2, None]
-        return middle + 10 * np.linalg.cholesky(P[:2, :2]) @ circle
+        return np.asarray(middle + 10 * np.linalg.cholesky(P[:2, :2]) @ circle)
 
     axes = {"x": "x (m)", "y": "y (m)", "xlim": (370, 500), "ylim": (5, 65)}
     place = shown.chart("Map (ellipse ten times its size)", equal=True, **axes)

@@ -304,8 +304,8 @@ def show_price(response: ByModel, gains: Mapping[float, Array], kalman: Array) -
 
 def models_of(run: ExampleRun, factor: float) -> tuple[ErrorModel, list[Array]]:
     """Return the vehicle's model by the factor on its Q, and A, B, C, D of one axis: both alike."""
-    noise = run.process * factor**0.5
-    both = ErrorModel.p1(run.period, process_noise=noise, measurement_noise=run.measurement)
+    (p, v), (r, s) = run.process * factor**0.5, run.measurement
+    both = ErrorModel.p1(run.period, process_noise=(p, v), measurement_noise=(r, s))
     return both, [each[::2, ::2] for each in (both.A, both.B, both.C, both.D)]
 
 
