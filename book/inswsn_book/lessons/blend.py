@@ -147,7 +147,7 @@ def show_bells(*, start: float = 0.2, measured: float = 0.3, R: float = 0.1**2) 
     shown.draw(chart, "network", "fix", (x, _bell(x, measured, R**0.5)), at=100)
     bells = {s: _bell(x, blend(s)[0] * measured, blend(s)[1]) for s in sizes}
     shown.draw(chart, "kalman", "blend", lambda s: (x, bells[s]), at=82)
-    shown.number("", "gain K = M/(M + R)", lambda s: f"{blend(s)[0]:.2f}")
+    shown.number("constant", "gain K = M/(M + R)", lambda s: f"{blend(s)[0]:.2f}")
     shown.number("kalman", "uncertainty of the blend", lambda s: f"± {blend(s)[1]:.3f} m")
     shown.sentence(
         lambda s: f"The gain is {blend(s)[0]:.2f}. The blend is uncertain by {blend(s)[1]:.3f} m."
@@ -195,8 +195,8 @@ def show_outage(run: ExampleRun, run_filter: Filter) -> None:
     shown.draw(chart, "kalman", "error", lambda n: (run.time, error[n]))
     shown.draw(chart, "truth", "", lambda n, t: ([t], [error[n][5 * t]]), style="points")
     inside = {n: np.mean(abs(error[n]) < band[n]) for n in lengths}
-    shown.number("", "inside its band", lambda n: f"{inside[n]:.0%} of the time")
-    shown.number("", "band now", lambda n, t: f"± {band[n][5 * t]:.2f} m")
+    shown.number("kalman", "inside its band", lambda n: f"{inside[n]:.0%} of the time")
+    shown.number("kalman", "band now", lambda n, t: f"± {band[n][5 * t]:.2f} m")
     shown.sentence(lambda n, t: (
         f"With {n} fixes lost, the band is ± {band[n][5 * t]:.2f} m after {t} s, and the error is "
         f"in its band for {inside[n]:.0%} of the time."
@@ -231,8 +231,8 @@ def show_told(run: ExampleRun, run_filter: Filter, *, start: float) -> None:
     shown.draw(chart, "network", "fixes", (powers, np.full(len(powers), network)), at=13)
     shown.draw(chart, "kalman", "", lambda q: ([np.log10(q)], [told[q][0]]), style="handle")
     shown.number("kalman", "mean error", lambda q: centimetres(told[q][0]))
-    shown.number("", f"NIS (expect {low:.1f} to {high:.1f})", lambda q: f"{told[q][1]:.1f}")
-    shown.number("", "the filter is", lambda q: verdict(told[q][1]))
+    shown.number("kalman", f"NIS (expect {low:.1f} to {high:.1f})", lambda q: f"{told[q][1]:.1f}")
+    shown.number("kalman", "the filter is", lambda q: verdict(told[q][1]))
     shown.sentence(
         lambda q: f"The mean error is {told[q][0]:.3f} m, and the filter is {verdict(told[q][1])}."
     )

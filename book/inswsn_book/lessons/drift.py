@@ -96,7 +96,7 @@ def show_walks(time: Array, walks: dict[str, Array], sizes: dict[str, Array]) ->
         chart = shown.chart(f"Error of the {name}", **axes)
         shown.draw(chart, "ins", "", (time[::10], -size, size), style="band")
         shown.draw(chart, "ins", "", lambda n: (time[::10], found[n - 1]))
-        shown.number("", f"{name} in the end", lambda n: f"{found[n - 1, -1]:.1f} {unit}")
+        shown.number("ins", f"{name} in the end", lambda n: f"{found[n - 1, -1]:.1f} {unit}")
 
     add("velocity", "m/s")
     add("position", "m")
@@ -138,8 +138,8 @@ def show_fix(nodes_at: Callable[[float], Array], locate: Locate, rng: np.random.
     def said(a: float, s: float) -> str:
         return f"{s * sigma[a][0]:.2f} m and {s * sigma[a][1]:.2f} m"
 
-    shown.number("", "standard deviation in x and y", said)
-    shown.number("", "dilution of precision", lambda a: f"{dilution[a]:.2f}")
+    shown.number("network", "standard deviation in x and y", said)
+    shown.number("network", "dilution of precision", lambda a: f"{dilution[a]:.2f}")
     shown.goal("dilution of precision below 1.2", lambda a: dilution[a] < 1.2)
     shown.sentence(
         lambda a, s: f"With nodes {a}° apart, the standard deviations in x and y are {said(a, s)}."

@@ -144,9 +144,9 @@ def show_two_curves() -> None:
     shown.draw(chart, "hinfinity", "", ([1.0], [1.0]), style="points")
     shown.draw(chart, "kalman", "", lambda d: ([best[d]], [1.0]), style="points")
     shown.number("hinfinity", "least worst case at", "g = 1.00")
-    shown.number("kalman", "least mean at", lambda d: f"g = {best[d]:.2f}")
     its = {d: (1 / best[d] ** 2 + d**2) / (1 + d**2) for d in noises}
-    shown.number("", "its worst case", lambda d: f"{its[d]:.2f} × the least")
+    words = "least mean at (its worst case)"
+    shown.number("kalman", words, lambda d: f"g = {best[d]:.2f} ({its[d]:.2f} × the least)")
     shown.sentence(
         lambda d: f"Noise/drift {d:g}: least mean at g = {best[d]:.2f}, least worst case at g = 1."
     )
@@ -250,7 +250,9 @@ def show_votes(cases: Sequence[tuple[Array, Array, Array, float]]) -> list[int]:
     shown.draw(chart, "truth", "", ([0, 0], [-1.2, 1.2]))
     shown.draw(chart, "hinfinity", "", lambda step: found[step][:, ~lost[step]], style="points")
     shown.draw(chart, "ins", "", lambda step: found[step][:, lost[step]], style="points")
-    shown.number("", "from, to", lambda step: f"P1 ({STEPS[step - 1]}), P1 ({STEPS[step]})")
+    shown.number(
+        "published", "from, to", lambda step: f"P1 ({STEPS[step - 1]}), P1 ({STEPS[step]})"
+    )
     shown.number("hinfinity", "both inequalities agree", lambda step: f"{agree[step].sum():d}")
     shown.number("ins", "lost by the step", lambda step: f"{lost[step].sum():d}")
     shown.sentence(lambda step: (
