@@ -179,7 +179,7 @@ def show_outage(run: ExampleRun, run_filter: Filter) -> None:
         middle = (run.ins[5 * t] - estimate)[:2, None]
         return np.asarray(middle + 10 * np.linalg.cholesky(P[:2, :2]) @ circle)
 
-    axes = {"x": "x (m)", "y": "y (m)", "xlim": (370, 500), "ylim": (5, 65)}
+    axes = {"x": "x (m)", "y": "y (m)", "xlim": (370, 530), "ylim": (5, 65)}
     place = shown.chart("Map (ellipse ten times its size)", equal=True, **axes)
     shown.draw(place, "truth", "", run.truth[:, :2].T)
     shown.draw(

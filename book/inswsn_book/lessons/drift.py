@@ -87,16 +87,15 @@ def show_biases(drive: ExampleDrive, navigate: Locate) -> None:
 
 def show_walks(time: Array, walks: dict[str, Array], sizes: dict[str, Array]) -> None:
     """Show errors (runs, samples), m/s and m, run by run, in bands of their typical sizes."""
-    runs = [*range(1, 13)]
-    shown = Moving("Noise, integrated", Slider("n", "run", runs, 1, "{:d}", plays=True))
+    shown = Moving("Noise, integrated", Slider("n", "run", range(1, 13), 1, "{:d}", plays=True))
 
     def add(name: str, unit: str) -> None:
         found, size, end = walks[name][:, ::10], sizes[name][::10], 3 * float(sizes[name][-1])
-        axes = {"x": "time (s)", "y": f"error ({unit})", "xlim": (0, 90), "ylim": (-end, end)}
+        axes = {"x": "time (s)", "y": f"error ({unit})", "xlim": (0, 93), "ylim": (-end, end)}
         chart = shown.chart(f"Error of the {name}", **axes)
         shown.draw(chart, "ins", "", (time[::10], -size, size), style="band")
         shown.draw(chart, "ins", "", lambda n: (time[::10], found[n - 1]))
-        shown.number("ins", f"{name} in the end", lambda n: f"{found[n - 1, -1]:.1f} {unit}")
+        shown.number("ins", f"{name} in the end", lambda n: f"{walks[name][n - 1, -1]:.1f} {unit}")
 
     add("velocity", "m/s")
     add("position", "m")
@@ -115,7 +114,7 @@ def show_fix(nodes_at: Callable[[float], Array], locate: Locate, rng: np.random.
     shown = Moving(
         "A fix from three ranges",
         Slider("a", "angle between nodes", angles, 20, "{:d}°"),
-        Slider("s", "error of a range", sizes, 0.38, "{:g} m"),
+        Slider("s", "error of a range", sizes, 1.0, "{:g} m"),
     )
     # U'U is diagonal: along the first node, and across
     sigma = {a: np.linalg.inv(nodes_at(a).T @ nodes_at(a) / 100).diagonal() ** 0.5 for a in angles}
@@ -133,7 +132,7 @@ def show_fix(nodes_at: Callable[[float], Array], locate: Locate, rng: np.random.
         return np.array([locate(nodes_at(a), 10 + s * draw) for draw in noise]).T
 
     shown.draw(chart, "network", "", fixes, style="points")
-    shown.draw(chart, "network", "", lambda a, s: 2 * s * sigma[a][:, None] * circle)
+    shown.draw(chart, "kalman", "", lambda a, s: 2 * s * sigma[a][:, None] * circle)
 
     def said(a: float, s: float) -> str:
         return f"{s * sigma[a][0]:.2f} m and {s * sigma[a][1]:.2f} m"
