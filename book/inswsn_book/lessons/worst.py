@@ -269,7 +269,7 @@ def show_votes(cases: Sequence[tuple[Array, Array, Array, float]]) -> list[int]:
 
 def show_recursion() -> None:
     """Show whether the Riccati recursion of a random walk settles, by the gamma asked for."""
-    bounds, steps = [1.1, 1.2, 1.3, 1.35, 2**0.5, 1.5, 1.6, 1.8, 2.0, 2.5, 3.0], range(25)
+    bounds, steps = [1.2, 1.3, 1.35, 1.4, 2**0.5, 1.45, 1.5, 1.6, 1.8, 2.0, 3.0], range(25)
     path = {gamma: [1.0] for gamma in bounds}
     for gamma, M in path.items():
         while len(M) < len(steps) and M[-1] < gamma**2 - 1e-9:
@@ -279,7 +279,7 @@ def show_recursion() -> None:
         fails = f"fails at step {len(path[b]) - 1}"
         return f"K = {path[b][-1] - 1:.3f}" if len(path[b]) == len(steps) else fails
 
-    shown = Moving("Is this γ possible?", Slider("b", "bound γ", bounds, 1.3, "γ = {:.3f}"))
+    shown = Moving("Is this γ possible?", Slider("b", "bound γ", bounds, 1.4, "γ = {:.3f}"))
     chart = shown.chart("M of the random walk", x="step", y="M", xlim=(0, 24), ylim=(0, 4))
     shown.draw(chart, "truth", "γ²", lambda b: ([0, 24], [min(b**2, 4)] * 2), at=1)
     shown.draw(chart, "hinfinity", "M", lambda b: (steps[: len(path[b])], np.minimum(path[b], 4)))
