@@ -139,19 +139,14 @@ def show_bells(*, start: float = 0.2, measured: float = 0.3, R: float = 0.1**2) 
     axes = {"x": "error of the INS (m)", "y": "1/m", "xlim": (-0.6, 0.8), "ylim": (0, 12)}
     chart = shown.chart("Probability density", **axes)
 
-    def blend(s: float) -> tuple[float, float]:
-        K = s**2 / (s**2 + R)
-        return K, float(np.sqrt((1 - K) * s**2))
-
+    K = {s: s**2 / (s**2 + R) for s in sizes}
+    size = {s: float((K[s] * R) ** 0.5) for s in sizes}  # (1 - K) s² = K R
     shown.draw(chart, "ins", "prediction", lambda s: (x, _bell(x, 0, s)), at=52)
     shown.draw(chart, "network", "fix", (x, _bell(x, measured, R**0.5)), at=100)
-    bells = {s: _bell(x, blend(s)[0] * measured, blend(s)[1]) for s in sizes}
-    shown.draw(chart, "kalman", "blend", lambda s: (x, bells[s]), at=82)
-    shown.number("constant", "gain K = M/(M + R)", lambda s: f"{blend(s)[0]:.2f}")
-    shown.number("kalman", "uncertainty of the blend", lambda s: f"± {blend(s)[1]:.3f} m")
-    shown.sentence(
-        lambda s: f"The gain is {blend(s)[0]:.2f}. The blend is uncertain by {blend(s)[1]:.3f} m."
-    )
+    shown.draw(chart, "kalman", "blend", lambda s: (x, _bell(x, K[s] * measured, size[s])), at=82)
+    shown.number("constant", "gain K = M/(M + R)", lambda s: f"{K[s]:.2f}")
+    shown.number("kalman", "uncertainty of the blend", lambda s: f"± {size[s]:.3f} m")
+    shown.sentence(lambda s: f"The gain is {K[s]:.2f}. The blend is uncertain by {size[s]:.3f} m.")
     shown.show(
         name="fig-l2-bells",
         caption="The blend lies between the two, closer to the narrower one, and is the narrowest.",
