@@ -57,11 +57,9 @@ def test_without_memory_the_second_copy_is_nothing() -> None:
 
 
 def test_one_axis_of_the_vehicle_stands_for_both() -> None:
-    run = example_run()
-    both = ErrorModel.p1(run.period).with_covariances(
-        np.diag(np.repeat(run.process**2, 2)), np.diag(np.repeat(run.measurement**2, 2))
-    )
-    whole, one = (design_filter(m, margin=0.1) for m in (both, worst.axis_model(run, 1)))
+    both, (A, B, C, D) = worst.models_of(example_run(), 1)
+    axis = ErrorModel(A=A, B=B, C=C, D=D, period=both.period)
+    whole, one = (design_filter(m, margin=0.1) for m in (both, axis))
     assert one.gamma == pytest.approx(whole.gamma, rel=1e-5)
     assert np.kron(one.gain, np.eye(2)) == pytest.approx(whole.gain, abs=1e-3)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -38,47 +38,51 @@ def centimetres(metres: float) -> str:
     return f"{100 * metres:.1f} cm"
 
 
-def by_library(run: ExampleRun, g: float) -> Array:
-    """Return estimates of the error of the INS, (samples, 4), by a filter of constant gain."""
-    model, y = ErrorModel.p1(run.period), run.ins - run.network
-    return run_hinfinity((model, g * model.A), y, initial_state=y[0], predicted=False)
-
-
 def show_map(run: ExampleRun, *, start: float) -> None:
-    """Show where fixes and blend are about the vehicle, and how far off, by a constant gain."""
-    found = {g: by_library(run, float(g)) for g in GAINS}
+    """Show INS, fixes and blend on the map and near the vehicle, by a constant gain and time."""
+    model, y = ErrorModel.p1(run.period), run.ins - run.network
+    found = {
+        g: run.ins - run_hinfinity((model, g * model.A), y, initial_state=y[0], predicted=False)
+        for g in GAINS
+    }
     shown = Moving(
         "One gain between two instruments",
         Slider("g", "gain g", [*GAINS], GAINS[np.argmin(abs(GAINS - start))], "g = {:.3f}"),
+        Slider("t", "time", [*range(1, 20)], 12, "{:d} s", plays=True),
     )
-    place = shown.chart(
-        "Error on the map: the vehicle is at the centre", x="error in x (m)", y="error in y (m)",
-        xlim=(-1, 1), ylim=(-0.5, 0.5), equal=True,
+
+    def until(track: Array, t: int, last: int = 100) -> Array:
+        return track[: int(t / run.period) + 1, :2][-last:].T
+
+    drifting = run.ins - (run.ins - run.truth)[0] * [1, 1, 0, 0]  # it starts on the path
+    place = shown.chart("Map", x="x (m)", y="y (m)", xlim=(355, 525), ylim=(10, 80), equal=True)
+    shown.draw(place, "ins", "INS", lambda t: until(drifting, t))
+    shown.draw(place, "network", "", lambda t: until(run.network, t), style="points")
+    shown.draw(place, "truth", "true path", run.truth[:, :2].T)
+    shown.draw(place, "constant", "", lambda g: found[g][:, :2].T)
+    shown.draw(place, "truth", "", lambda t: until(run.truth, t, 1), style="handle")
+    near = shown.chart(
+        "Error of the last four seconds: the vehicle is at the centre", x="error in x (m)",
+        y="error in y (m)", xlim=(-1.2, 1.2), ylim=(-0.6, 0.6), equal=True,
     )  # fmt: skip
-    shown.draw(place, "network", "fixes", (run.network - run.truth)[:, :2].T, style="points")
-    shown.draw(place, "constant", "blend", lambda g: (run.ins - found[g] - run.truth)[:, :2].T)
-    error = shown.chart(
-        "Distance from the true position", x="time (s)", y="error (m)", xlim=(0, 20), ylim=(0, 0.6)
+    shown.draw(near, "truth", "", ([0], [0]), style="points")
+    shown.draw(
+        near, "network", "fixes", lambda t: until(run.network - run.truth, t, 20), style="points"
     )
-    fixes = run.distances(run.network)
-    shown.draw(error, "network", "fixes", (run.time, fixes), style="points")
-    shown.draw(error, "constant", "blend", lambda g: (run.time, run.distances(run.ins - found[g])))
-    ins = run.distances(run.ins).mean()
-    mean = {g: float(run.distances(run.ins - estimates).mean()) for g, estimates in found.items()}
-    shown.number("ins", "INS alone", f"{ins:.1f} m")
-    shown.number("network", "fixes alone", centimetres(float(fixes.mean())))
+    shown.draw(near, "constant", "blend", lambda g, t: until(found[g] - run.truth, t, 20), at=0)
+    mean = {g: float(run.distances(estimates).mean()) for g, estimates in found.items()}
+    shown.number("ins", "INS, correct at the start", f"{run.distances(drifting).mean():.1f} m")
+    shown.number("network", "fixes alone", centimetres(float(run.distances(run.network).mean())))
     shown.number("constant", "blend", lambda g: centimetres(mean[g]))
+    shown.goal("mean error of the blend below 10 cm", lambda g: mean[g] < 0.1)
     shown.sentence(
         lambda g: f"With a gain of {g:.3f}, the mean error of the blend is {centimetres(mean[g])}."
     )
     shown.show(
         name="fig-l2-map",
-        caption="Drag the gain. At 0, the INS is corrected once, by the first fix, and the blend "
-        "drifts away. At 1, the blend equals the fixes. The best gain is in between.",
-        alt="Two charts. On the map of errors, the fixes scatter about the centre, and the blend "
-        f"wanders off. Below, over 20 seconds, the mean error of the fixes is "
-        f"{centimetres(float(fixes.mean()))}; with a gain of {start:g}, that of the blend is "
-        f"{centimetres(mean[shown.sliders['g'].start])}. That of the INS is {ins:.1f} m.",
+        caption="Drag the gain, and the vehicle. At 0, the INS is corrected once, by the first "
+        "fix, and the blend drifts away. At 1, the blend equals the fixes. The best gain is in "
+        "between. Numbers are means over 20 seconds.",
     )
 
 
@@ -93,13 +97,12 @@ def show_instruments(run: ExampleRun) -> None:
     shown.draw(rough, "network", "fixes", (run.time, network), style="points")
     shown.number("ins", "mean step of the INS error", f"{abs(np.diff(ins)).mean():.2f} m")
     shown.number("network", "mean step of the fix error", f"{abs(np.diff(network)).mean():.2f} m")
+    ends = f"from {ins[0]:.1f} to {ins[-1]:.1f} m; that of the fixes jumps about zero"
+    shown.sentence(lambda: f"The error of the INS in x changes smoothly {ends}.")
     shown.show(
         name="fig-l2-instruments",
         caption="The same 20 seconds and the same axis; note the different scales. The error of "
         "the INS is a smooth curve that a model can follow. The error of each fix is new.",
-        alt="Two charts over 20 seconds. The error of the INS in x changes smoothly from "
-        f"{ins[0]:.1f} to {ins[-1]:.1f} m; the error of the fixes jumps about between "
-        f"{network.min():.2f} and {network.max():.2f} m.",
     )
 
 
@@ -115,16 +118,13 @@ def show_gains(run: ExampleRun, by_gain: ByGain) -> None:
     shown.draw(chart, "ins", "drift gets in", (GAINS[: low + 1], seen[: low + 1]), at=4)
     shown.draw(chart, "network", "noise gets in", (GAINS[low:], seen[low:]), at=low)
     at = dict(zip(GAINS, mean, strict=True))
-    shown.draw(
-        chart, "constant", "you are here", lambda g: ([g], [min(at[g], 0.6)]), style="points", at=0
-    )
+    shown.draw(chart, "constant", "", lambda g: ([g], [min(at[g], 0.6)]), style="handle")
     shown.number("constant", "mean error", lambda g: centimetres(at[g]))
     shown.sentence(lambda g: f"With g = {g:.3f}, the mean error is {at[g]:.3f} m.")
     shown.show(
         name="fig-l2-gains",
-        caption="Left of the lowest point, the error is mostly drift; right of it, mostly noise.",
-        alt=f"Mean error against the gain: {mean[1]:.2f} m at {GAINS[1]:.3f}, minimum "
-        f"{mean[low]:.3f} m at {GAINS[low]:.3f}, {mean[-1]:.3f} m at 1.",
+        caption="Drag the dot. Left of the lowest point, the error is mostly drift; right of it, "
+        "mostly noise.",
     )
 
 
@@ -136,63 +136,70 @@ def show_bells(*, start: float = 0.2, measured: float = 0.3, R: float = 0.1**2) 
         "Two bells make a narrower one",
         Slider("s", "uncertainty of the prediction", [*sizes], start, "± {:.2f} m"),
     )
-    chart = shown.chart(
-        "Probability density", x="error of the INS (m)", y="1/m", xlim=(-0.6, 0.8), ylim=(0, 12)
-    )
+    axes = {"x": "error of the INS (m)", "y": "1/m", "xlim": (-0.6, 0.8), "ylim": (0, 12)}
+    chart = shown.chart("Probability density", **axes)
 
-    def blend(s: float) -> tuple[float, float]:
-        K = s**2 / (s**2 + R)
-        return K, float(np.sqrt((1 - K) * s**2))
-
+    K = {s: s**2 / (s**2 + R) for s in sizes}
+    size = {s: float((K[s] * R) ** 0.5) for s in sizes}  # (1 - K) s² = K R
     shown.draw(chart, "ins", "prediction", lambda s: (x, _bell(x, 0, s)), at=52)
     shown.draw(chart, "network", "fix", (x, _bell(x, measured, R**0.5)), at=100)
-    shown.draw(
-        chart, "kalman", "blend",
-        lambda s: (x, _bell(x, blend(s)[0] * measured, blend(s)[1])), at=82,
-    )  # fmt: skip
-    shown.number("kalman", "gain K = M/(M + R)", lambda s: f"{blend(s)[0]:.2f}")
-    shown.number("kalman", "uncertainty of the blend", lambda s: f"± {blend(s)[1]:.3f} m")
-    shown.sentence(
-        lambda s: f"The gain is {blend(s)[0]:.2f}. The blend is uncertain by {blend(s)[1]:.3f} m."
-    )
-    K, size = blend(start)
+    shown.draw(chart, "kalman", "blend", lambda s: (x, _bell(x, K[s] * measured, size[s])), at=82)
+    shown.number("constant", "gain K = M/(M + R)", lambda s: f"{K[s]:.2f}")
+    shown.number("kalman", "uncertainty of the blend", lambda s: f"± {size[s]:.3f} m")
+    shown.sentence(lambda s: f"The gain is {K[s]:.2f}. The blend is uncertain by {size[s]:.3f} m.")
     shown.show(
         name="fig-l2-bells",
         caption="The blend lies between the two, closer to the narrower one, and is the narrowest.",
-        alt=f"Three bell curves: a prediction at 0 with a standard deviation of {start:g} m, a "
-        f"fix at {measured} m with {R**0.5:.1f} m, and their blend at {K * measured:.2f} m with "
-        f"{size:.3f} m. The gain is {K:.2f}.",
     )
 
 
 def show_outage(run: ExampleRun, run_filter: Filter) -> None:
-    """Show the error on one axis and its band of two sigma, with an outage of some length."""
-    lengths = [*range(0, 41, 2)]
+    """Show the covariance on the map and the band of two sigma in x, with an outage."""
+    lengths, seconds, k = [0, 10, 20, 40], [*range(4, 20)], np.arange(len(run.time))
     shown = Moving(
-        "A filter that knows its own uncertainty", Slider("n", "fixes lost", lengths, 20, "{:d}")
+        "A filter that knows its own uncertainty",
+        Slider("n", "fixes lost", lengths, 20, "{:d}"),
+        Slider("t", "time", seconds, 11, "{:d} s", plays=True),
     )
-    found = {}
-    for n in lengths:
-        y = run.ins - run.network
-        y[40 : 40 + n] = np.nan
-        estimates, covariances = run_filter(y, 1.0)
-        error = (run.ins - estimates - run.truth)[:, 0]
-        found[n] = error, 2 * np.sqrt(covariances[:, 0, 0])
+    kept = {n: (k < 40) | (k >= 40 + n) for n in lengths}
+    found = {
+        n: run_filter(np.where(kept[n][:, None], run.ins - run.network, np.nan), 1.0)
+        for n in lengths
+    }
+    turn = np.linspace(0, 2 * np.pi, 49)
+    circle = 2 * np.array([np.cos(turn), np.sin(turn)])
+
+    def ellipse(n: int, t: int) -> Array:
+        estimate, P = found[n][0][5 * t], found[n][1][5 * t]
+        middle = (run.ins[5 * t] - estimate)[:2, None]
+        return np.asarray(middle + 10 * np.linalg.cholesky(P[:2, :2]) @ circle)
+
+    axes = {"x": "x (m)", "y": "y (m)", "xlim": (370, 530), "ylim": (5, 65)}
+    place = shown.chart("Map (ellipse ten times its size)", equal=True, **axes)
+    shown.draw(place, "truth", "", run.truth[:, :2].T)
+    shown.draw(
+        place, "network", "fixes", lambda n, t: run.network[kept[n] & (k <= 5 * t), :2].T,
+        style="points",
+    )  # fmt: skip
+    shown.draw(place, "kalman", "", ellipse)
+    shown.draw(place, "truth", "", lambda t: run.truth[5 * t, :2, None], style="handle")
     chart = shown.chart("Error in x", x="time (s)", y="error (m)", xlim=(0, 20), ylim=(-2, 2))
-    shown.draw(chart, "kalman", "", lambda n: (run.time, -found[n][1], found[n][1]), style="band")
-    shown.draw(chart, "kalman", "error", lambda n: (run.time, found[n][0]))
-    inside = {n: np.mean(abs(error) < band) for n, (error, band) in found.items()}
+    error = {n: (run.ins - x - run.truth)[:, 0] for n, (x, _) in found.items()}
+    band = {n: 2 * np.sqrt(P[:, 0, 0]) for n, (_, P) in found.items()}
+    shown.draw(chart, "kalman", "", lambda n: (run.time, -band[n], band[n]), style="band")
+    shown.draw(chart, "kalman", "error", lambda n: (run.time, error[n]))
+    shown.draw(chart, "truth", "", lambda n, t: ([t], [error[n][5 * t]]), style="points")
+    inside = {n: np.mean(abs(error[n]) < band[n]) for n in lengths}
     shown.number("kalman", "inside its band", lambda n: f"{inside[n]:.0%} of the time")
-    shown.number("kalman", "band at its widest", lambda n: f"± {found[n][1][1:].max():.2f} m")
-    shown.sentence(
-        lambda n: f"With {n} fixes lost, the error is in its band for {inside[n]:.0%} of the time."
-    )
+    shown.number("kalman", "band now", lambda n, t: f"± {band[n][5 * t]:.2f} m")
+    shown.sentence(lambda n, t: (
+        f"With {n} fixes lost, the band is ± {band[n][5 * t]:.2f} m after {t} s, and the error is "
+        f"in its band for {inside[n]:.0%} of the time."
+    ))  # fmt: skip
     shown.show(
         name="fig-l2-outage",
-        caption="The band is ±2 standard deviations, as computed by the filter. It "
-        "widens while fixes are lost, and the next fixes narrow it again.",
-        alt="The error in x over 20 seconds and a band around zero. With 20 fixes lost after 8 s, "
-        f"the band widens to {found[20][1][1:].max():.2f} m and narrows with the next fixes.",
+        caption="The band and the ellipse are 2 standard deviations, as computed by the filter. "
+        "They widen while fixes are lost, and the next fixes narrow them again.",
     )
 
 
@@ -217,7 +224,7 @@ def show_told(run: ExampleRun, run_filter: Filter, *, start: float) -> None:
     shown.draw(chart, "kalman", "Kalman filter", (powers, error), at=3)
     network = float(run.distances(run.network).mean())
     shown.draw(chart, "network", "fixes", (powers, np.full(len(powers), network)), at=13)
-    shown.draw(chart, "kalman", "", lambda q: ([np.log10(q)], [told[q][0]]), style="points")
+    shown.draw(chart, "kalman", "", lambda q: ([np.log10(q)], [told[q][0]]), style="handle")
     shown.number("kalman", "mean error", lambda q: centimetres(told[q][0]))
     shown.number("kalman", f"NIS (expect {low:.1f} to {high:.1f})", lambda q: f"{told[q][1]:.1f}")
     shown.number("kalman", "the filter is", lambda q: verdict(told[q][1]))
@@ -229,9 +236,6 @@ def show_told(run: ExampleRun, run_filter: Filter, *, start: float) -> None:
         caption="With too small a Q, the drift remains; with too large a Q, the filter follows the "
         "fixes. Without the truth, the NIS (below) still shows whether innovations are as large "
         "as assumed.",
-        alt=f"Mean error against the factor on Q from 1e-4 to 1e4: {error[0]:.2f} m at the left "
-        f"end, minimum {min(error):.3f} m, {error[-1]:.3f} m at the right end; the fixes alone "
-        f"{network:.3f} m.",
     )
 
 
@@ -252,12 +256,10 @@ def show_weights(weights: Callable[[float], Array], *, start: float) -> None:
         "How far back a filter remembers",
         Slider("q", "assumed Q / matched Q", [*FACTORS], start, "{:g}"),
     )
-    charts = [
-        shown.chart(title, x="fixes ago", y="weight", xlim=(-0.6, 12.6), ylim=(-0.1, 1.05))
-        for title in ("Kalman filter", "P1's filter as published")
-    ]
-    shown.draw(charts[0], "kalman", "Kalman", lambda q: (past, of[q]), style="bars", at=8)
-    shown.draw(charts[1], "hinfinity", "P1", (past, (past == 0) * 1.0), style="bars", at=8)
+    axes = {"x": "fixes ago", "y": "weight", "xlim": (-0.6, 12.6), "ylim": (-0.1, 1.05)}
+    chart = shown.chart("Weights of past fixes", **axes)
+    shown.draw(chart, "kalman", "", lambda q: (past, of[q]), style="bars")
+    shown.draw(chart, "hinfinity", "P1", (past, (past == 0) * 1.0), style="points", at=0)
     shown.number("kalman", "weight of the latest fix", lambda q: f"{of[q][0]:.2f}")
     shown.number("hinfinity", "the same in P1's filter", "1.00")
     shown.sentence(
@@ -265,24 +267,15 @@ def show_weights(weights: Callable[[float], Array], *, start: float) -> None:
     )
     shown.show(
         name="fig-l2-weights",
-        caption="The weights of past fixes in the corrected position. The published filter has one "
-        "bar: it has no memory.",
-        alt="Two bar charts of the weights of the last 13 fixes. Matched Kalman filter: "
-        f"{of[1.0][0]:.2f}, {of[1.0][1]:.2f}, {of[1.0][2]:.2f}, falling. P1's filter: 1, then 0.",
+        caption="Bars: the Kalman filter. Dots: P1's filter as published, which has no memory.",
     )
 
 
-def hold(
-    record: book.ChapterRecord, run: ExampleRun, by_gain: ByGain, run_filter: Filter,
-    found: Mapping[str, Array],
-) -> None:  # fmt: skip
+def hold(record: book.ChapterRecord, run: ExampleRun, by_gain: ByGain, run_filter: Filter) -> None:
     """Record what the lesson found, and hold its sentences."""
     for name in ("p1", "p1-inertial"):
         record.data(f"scenarios/{name}.yaml")
     printed = read_rows(record.data("papers/p1-table2.csv"), index="method")
-    for name, estimate in found.items():
-        error = abs(run.ins - estimate - run.truth)[:, 0].mean()
-        record.note(f"x.{name.lower()}", error, "m", "Mean absolute error in x over the area.")
     record.say("kf.taken.unit", f"{record.reference('p1-training', 'kf.taken.unit').value:.0f}")
     for chapter, said in (("recorded-data", "room.memory"), ("lesson-8", "room.white")):
         record.say(said, f"{record.reference(chapter, said).value:.0f}")
@@ -295,10 +288,8 @@ def hold(
     worse = [float(printed["KF"][cell]) > float(printed["HF"][cell]) for cell in printed["HF"]]
     record.note("fixes", 100 * fixes, "cm", "Mean distance of the fixes from the true positions.")
     record.holds("A constant gain gets below 10 cm.", by_hand < 0.1)
-    record.holds(
-        "At its best the Kalman filter is better than any filter with a constant gain.",
-        best < by_hand,
-    )
+    words = "At its best the Kalman filter is better than any filter with a constant gain."
+    record.holds(words, best < by_hand)
     record.holds("With the right size of Q it is too sure of itself.", too_sure)
     record.holds("P1's Kalman filter is worse in all cells.", all(worse))
     record.write()

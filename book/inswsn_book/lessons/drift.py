@@ -12,9 +12,7 @@ from inswsn_book.show.moving import Moving, Slider
 from inswsn_lib.navigation import ExampleDrive
 
 Array = NDArray[np.float64]
-#: Positions by dead reckoning (samples, 2), of specific forces and turn rates
-Navigate = Callable[[Array, Array], Array]
-#: A position from nodes (n, 2) and ranges (n,)
+#: Positions (samples, 2) of specific forces and turn rates, or one of nodes (n, 2) and ranges (n,)
 Locate = Callable[[Array, Array], Array]
 
 BIASES = np.round(np.arange(0, 1.01, 0.1), 1)  # degrees a second
@@ -33,7 +31,7 @@ def felt(drive: ExampleDrive) -> tuple[Array, Array]:
 def show_drive(drive: ExampleDrive) -> None:
     """Show the drive on the map: the true path, the INS, and the fixes of the network."""
     times = [*range(7, 93, 3)]
-    shown = Moving("A drive", Slider("t", "time", times, 37, "{:d} s"))
+    shown = Moving("A drive", Slider("t", "time", times, 37, "{:d} s", plays=True))
     chart = shown.chart("Map", x="x (m)", y="y (m)", xlim=(60, 700), ylim=(-40, 440), equal=True)
 
     def until(track: Array, t: float) -> Array:
@@ -44,6 +42,7 @@ def show_drive(drive: ExampleDrive) -> None:
     shown.draw(
         chart, "network", "", lambda t: drive.fixes[drive.fix_times <= t][::4].T, style="points"
     )
+    shown.draw(chart, "truth", "", lambda t: until(drive.position, t)[:, -1:], style="handle")
     error, fix = drive.distances(drive.ins), float(np.hypot(*drive.fix_errors.T).mean())
     at = {t: error[int(t / drive.period)] for t in times}
     shown.number("ins", "error of the INS", lambda t: f"{at[t]:.1f} m")
@@ -53,15 +52,12 @@ def show_drive(drive: ExampleDrive) -> None:
     )
     shown.show(
         name="fig-l1-drive",
-        caption="Drag the time. The INS works along the whole path and drifts. The network covers "
-        "only two areas, but its fixes do not drift.",
-        alt="A map with the true path, the path according to the INS, and fixes in two areas. The "
-        f"error of the INS is {at[37]:.1f} m after 37 s and {at[91]:.0f} m after 91 s; the mean "
-        f"error of the fixes is {fix:.2f} m.",
+        caption="Drag the vehicle, or play the drive. The INS works along the whole path and "
+        "drifts. The network covers only two areas, but its fixes do not drift.",
     )
 
 
-def show_biases(drive: ExampleDrive, navigate: Navigate) -> None:
+def show_biases(drive: ExampleDrive, navigate: Locate) -> None:
     """Show the error of the INS over time, by the biases of its two kinds of sensor."""
     shown = Moving(
         "Small errors, integrated",
@@ -76,43 +72,81 @@ def show_biases(drive: ExampleDrive, navigate: Navigate) -> None:
     }
     chart = shown.chart("Position error", x="time (s)", y="error (m)", xlim=(0, 93), ylim=(0, 300))
     shown.draw(chart, "ins", "INS", lambda g, a: (drive.time[::5], found[g, a][::5]), at=12)
-    shown.number("ins", "error after 20 s", lambda g, a: f"{found[g, a][200]:.1f} m")
-    shown.number("ins", "error after 93 s", lambda g, a: f"{found[g, a][-1]:.0f} m")
-    shown.sentence(
-        lambda g, a: f"With these biases, the error is {found[g, a][-1]:.0f} m after 93 s."
-    )
+
+    def said(g: float, a: float) -> str:
+        return f"{found[g, a][200]:.1f} m after 20 s, {found[g, a][-1]:.0f} m after 93 s"
+
+    shown.number("ins", "error", said)
+    shown.sentence(lambda g, a: f"With these biases, the error is {said(g, a)}.")
     shown.show(
         name="fig-l1-biases",
         caption="With an accelerometer bias, the error grows as the square of time from the "
         "start. A gyro bias has no effect on the straight; its effect begins in the first turn.",
-        alt="The error of the INS over 93 s. With a gyro bias of half a degree per second it "
-        f"is {found[0.5, 0.0][200]:.1f} m after 20 s and {found[0.5, 0.0][-1]:.0f} m after 93 s.",
     )
 
 
-def show_fix(nodes: Array, place: Array, locate: Locate, rng: np.random.Generator) -> None:
-    """Show where fixes lie, by the error of the ranges."""
-    sizes = [0.05, 0.1, 0.2, 0.38, 0.6, 0.8, 1.0]
-    noise = rng.normal(size=(60, len(nodes)))
-    true = np.hypot(*(nodes - place).T)
-    found = {s: np.array([locate(nodes, true + s * draw) for draw in noise]) for s in sizes}
-    shown = Moving("A fix from ranges", Slider("s", "range error", sizes, 0.38, "{:g} m"))
-    chart = shown.chart(
-        "Sixty fixes of a position", x="x (m)", y="y (m)", xlim=(-12, 12), ylim=(-8, 8), equal=True
+def show_walks(time: Array, walks: dict[str, Array], sizes: dict[str, Array]) -> None:
+    """Show errors (runs, samples), m/s and m, run by run, in bands of their typical sizes."""
+    shown = Moving("Noise, integrated", Slider("n", "run", range(1, 13), 1, "{:d}", plays=True))
+
+    def add(name: str, unit: str) -> None:
+        found, size, end = walks[name][:, ::10], sizes[name][::10], 3 * float(sizes[name][-1])
+        axes = {"x": "time (s)", "y": f"error ({unit})", "xlim": (0, 93), "ylim": (-end, end)}
+        chart = shown.chart(f"Error of the {name}", **axes)
+        shown.draw(chart, "ins", "", (time[::10], -size, size), style="band")
+        shown.draw(chart, "ins", "", lambda n: (time[::10], found[n - 1]))
+        shown.number("ins", f"{name} in the end", lambda n: f"{walks[name][n - 1, -1]:.1f} {unit}")
+
+    add("velocity", "m/s")
+    add("position", "m")
+    ends = walks["position"][:, -1]
+    shown.sentence(lambda n: f"In run {n}, the position error in the end is {ends[n - 1]:.1f} m.")
+    shown.show(
+        name="fig-l1-walks",
+        caption="White noise of the accelerometers alone. The bands are one standard deviation: "
+        "they grow as the time to the powers 0.5 and 1.5.",
     )
-    shown.draw(chart, "published", "nodes", (nodes - place).T, style="points", at=0)
-    shown.draw(chart, "network", "fixes", lambda s: (found[s] - place).T, style="points", at=0)
-    mean = {s: float(np.hypot(*(f - place).T).mean()) for s, f in found.items()}
-    shown.number("network", "mean error of a fix", lambda s: f"{mean[s]:.2f} m")
+
+
+def show_fix(nodes_at: Callable[[float], Array], locate: Locate, rng: np.random.Generator) -> None:
+    """Show fixes of the origin by the angle between three nodes 10 m away, and their ellipse."""
+    angles, sizes, noise = [*range(10, 171, 10)], [0.1, 0.38, 1.0], rng.normal(size=(60, 3))
+    shown = Moving(
+        "A fix from three ranges",
+        Slider("a", "angle between nodes", angles, 20, "{:d}°"),
+        Slider("s", "error of a range", sizes, 1.0, "{:g} m"),
+    )
+    # U'U is diagonal: along the first node, and across
+    sigma = {a: np.linalg.inv(nodes_at(a).T @ nodes_at(a) / 100).diagonal() ** 0.5 for a in angles}
+    dilution = {a: float(np.hypot(*sigma[a])) for a in angles}
+    circle = np.array([[np.cos(turn), np.sin(turn)] for turn in np.linspace(0, 2 * np.pi, 49)]).T
+    chart = shown.chart("Map", x="x (m)", y="y (m)", xlim=(-14, 14), ylim=(-10, 10), equal=True)
+    shown.draw(
+        chart, "published", "", lambda a, s: (*nodes_at(a).T, 10 + s * noise[0]), style="circle"
+    )
+    shown.draw(chart, "truth", "vehicle", ([0], [0]), style="points")
+    shown.draw(chart, "published", "node", lambda a: nodes_at(a).T[:, 1:2], style="handle", at=0)
+    shown.draw(chart, "published", "", lambda a: nodes_at(a).T[:, ::2], style="points")
+
+    def fixes(a: float, s: float) -> Array:
+        return np.array([locate(nodes_at(a), 10 + s * draw) for draw in noise]).T
+
+    shown.draw(chart, "network", "", fixes, style="points")
+    shown.draw(chart, "kalman", "", lambda a, s: 2 * s * sigma[a][:, None] * circle)
+
+    def said(a: float, s: float) -> str:
+        return f"{s * sigma[a][0]:.2f} m and {s * sigma[a][1]:.2f} m"
+
+    shown.number("network", "standard deviation in x and y", said)
+    shown.number("network", "dilution of precision", lambda a: f"{dilution[a]:.2f}")
+    shown.goal("dilution of precision below 1.2", lambda a: dilution[a] < 1.2)
     shown.sentence(
-        lambda s: f"With range errors of {s:g} m, the mean error of a fix is {mean[s]:.2f} m."
+        lambda a, s: f"With nodes {a}° apart, the standard deviations in x and y are {said(a, s)}."
     )
     shown.show(
         name="fig-l1-fix",
-        caption="Fixes err in all directions. With many nodes they are more accurate than "
-        "the ranges.",
-        alt=f"{len(nodes)} nodes around a position, and sixty fixes of it. With range errors of "
-        f"0.38 m, the mean error of the fixes is {mean[0.38]:.2f} m.",
+        caption="Drag a node. Each measured range is a circle, and the circles nearly meet at the "
+        "vehicle. The dots are sixty fixes; about 86 % lie in the ellipse of 2σ.",
     )
 
 

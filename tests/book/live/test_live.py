@@ -183,7 +183,7 @@ def test_a_record_in_the_page_has_what_cells_ask_of_one(
 def test_parameters_become_fields(project: Project) -> None:
     assert len(lessons(project)) == 8
     (chapter,) = (each for each in lessons(project) if each.id == "lesson-2")
-    measured = [Measured("", 0.123, "", []), *[Measured("scipy", 0, "", [])] * 17]
+    measured = [Measured("", 0.123, "", []), *[Measured("scipy", 0, "", [])] * 18]
     told = about_lesson(chapter, measured)
     seed, q_scale, *_ = told["parameters"]
     assert (seed["name"], seed["whole"], seed["low"], seed["high"]) == ("seed", True, 0, 1000000)
