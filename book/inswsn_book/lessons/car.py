@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.optimize import brentq
 
 from inswsn_book import record as book
 from inswsn_book.evidence.outage_cells import rebuild_outages, rebuild_recorded
-from inswsn_book.show.moving import Moving, Slider
+from inswsn_book.show.moving import Chart, Moving, Slider
 from inswsn_lib.evaluation import Finding
 from inswsn_lib.inertial import metres
 from inswsn_lib.navigation import (
@@ -38,8 +39,8 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 Parts = tuple[Array, Array]  # of an error: along and across
 Said = dict[str, tuple[float, str, str]]  # numbers of the text: value, unit, and how it is made
-#: Positions (m), velocities (m/s) and attitudes after each sample, of a start turned by an angle
-Navigate = Callable[[Array], Array]
+#: Positions (m) after each second, of a start turned by an angle, with a bias of the gyros
+Navigate = Callable[..., Array]
 #: The spread of a velocity east and north after the car has looked at its own sideways velocity
 Constrain = Callable[[Array, float], Array]
 #: Positions (seconds + 1, 3) from the start on, and their covariances, through an outage by hand
@@ -55,14 +56,18 @@ AIDS: dict[str, tuple[str, ...]] = {
 #: When outages begin, s, and how long they last
 STARTS = np.arange(100, 1450, 10)
 LENGTH = 40
+#: An outage is lost that ends so far off, m; a road is straight that turns by less, degrees
+LOST, STRAIGHT = 20, 15
 _GRAVITY = 9.795  # m/s²
 
 
-def outages(drive: Drive, told: FilterSettings, aids: str) -> VehicleRun:
-    """Return the library's filter with some aids through an outage from each of `STARTS` on."""
+def outages(drive: Drive, told: FilterSettings, known: VehicleRun, aids: str) -> VehicleRun:
+    """Return the library's filter with some aids through an outage from each of `STARTS` on.
+
+    Until then it is the filter that is known: with satellites and all aids.
+    """
     there, believed = with_aids(drive, told, AIDS[aids])
-    with_gps = run_vehicle_filter(there, believed, last=int(STARTS[-1]))
-    return replay(there, believed, with_gps, STARTS, LENGTH, aiding=True)
+    return replay(there, believed, known, STARTS, LENGTH, aiding=True)
 
 
 def turned(drive: Drive) -> Array:
@@ -105,37 +110,52 @@ def path(run: VehicleRun) -> Array:
     return ((run.position[:, :, 0] - start) * metres(start))[:, [1, 0, 2]]
 
 
-def show_drive(drive: Drive, told: FilterSettings) -> dict[str, tuple[Array, Array]]:
+def show_drive(drive: Drive, told: FilterSettings, known: VehicleRun) -> dict[str, Parts]:
     """Show an outage dragged along the drive, by the aids; return all errors by the aids."""
-    by_aids = {aids: parts(outages(drive, told, aids), drive) for aids in AIDS}
-    bends = turned(drive)
-    starts = [int(k) for k in STARTS[::2]]
+    by_aids = {aids: parts(outages(drive, told, known, aids), drive) for aids in AIDS}
+    off = {aids: np.hypot(*(part[-1] for part in both)) for aids, both in by_aids.items()}
+    origin, bends = drive.reference.position[0], turned(drive)
+    road = ((drive.reference.position - origin) * metres(origin))[:, [1, 0]] / 1000
+    starts, t = [int(k) for k in STARTS[::2]], np.arange(0, LENGTH + 1, 2)
     shown = Moving(
         "Forty seconds without satellites",
-        Slider("k", "satellites lost at", starts, 220, "{:d} s"),
+        Slider("k", "satellites lost at", starts, 220, "{:d} s", plays=True),
         Slider("a", "aids", [*AIDS], "compass", "{}"),
     )
-    t = np.arange(0, LENGTH + 1, 2)
+    middle, span = (road.max(axis=0) + road.min(axis=0)) / 2, np.ptp(road, axis=0) / 2 + 0.2
+    span[0] = max(span[0], 1.7 * span[1])  # wider than high, or a phone has no room for it
+    x, y = ((float(m - s), float(m + s)) for m, s in zip(middle, span, strict=True))
+    drawn = shown.chart(
+        "The drive: drag the outage along it", x="east (km)", y="north (km)", xlim=x, ylim=y,
+        equal=True,
+    )  # fmt: skip
+
+    def lost(a: str) -> Array:
+        """Return where outages, one after the other, end more than 20 m off."""
+        every = range(0, len(STARTS), LENGTH // 10)
+        rows = [road[STARTS[i] : STARTS[i] + LENGTH : 8] for i in every if off[a][i] > LOST]
+        return np.concatenate([np.zeros((0, 2)), *rows]).T
+
+    shown.draw(drawn, "truth", "", road[::6].T)
+    shown.draw(drawn, "kalman", "", lost, style="points")
+    shown.draw(drawn, "ins", "", lambda k: road[k : k + LENGTH + 1 : 4].T)
+    shown.draw(drawn, "ins", "outage", lambda k: road[[k + LENGTH // 2]].T, style="handle")
 
     def at(a: str, k: int, part: int) -> Array:
         return np.asarray(by_aids[a][part][:, 2 * starts.index(k)])
 
-    def draw(part: int, where: str) -> None:
-        chart = shown.chart(
-            f"Error {where}", x="time without satellites (s)", y="error (m)", xlim=(0, LENGTH),
-            ylim=(-100, 100),
-        )  # fmt: skip
+    def draw(part: int, chart: Chart) -> None:
         shown.draw(chart, "ins", "INS alone", lambda k: (t, at("none", k, part)[t]))
         shown.draw(chart, "kalman", "aided", lambda k, a: (t, at(a, k, part)[t]))
 
     def ends(a: str, k: int) -> str:
         return ", ".join(f"{abs(at(a, k, part)[-1]):.0f} m" for part in (0, 1))
 
-    draw(0, "along the road")
-    draw(1, "across the road")
+    for part, chart in enumerate(_along_and_across(shown, 100)):
+        draw(part, chart)
     shown.number("truth", "the road turns by", lambda k: f"{bends[2 * starts.index(k)]:.0f}°")
-    shown.number("ins", "INS along, across", lambda k: ends("none", k))
-    shown.number("kalman", "aided", lambda k, a: ends(a, k))
+    shown.number("ins", "INS alone: along, across", lambda k: ends("none", k))
+    shown.number("kalman", "aided: along, across", lambda k, a: ends(a, k))
     shown.sentence(
         lambda k, a: (
             f"Satellites lost at {k} s, on a road that turns by {bends[2 * starts.index(k)]:.0f} "
@@ -145,53 +165,64 @@ def show_drive(drive: Drive, told: FilterSettings) -> dict[str, tuple[Array, Arr
     )
     shown.show(
         name="fig-l6-drive",
-        caption="Both filters had satellites and their own aids until the outage. Move it along "
-        "the drive, and change the aids.",
-        alt="Two charts over 40 s. Errors along and across the road at the end of the outage that "
-        f"begins at 220 s: INS alone {ends('none', 220)}; with a compass {ends('compass', 220)}.",
+        caption="Until the outage, both filters have satellites, compass and constraint. Dots on "
+        f"the road: outages that end more than {LOST} m off with the chosen aids.",
     )
     return by_aids
 
 
+def _along_and_across(shown: Moving, reach: float) -> list[Chart]:
+    """Add a chart of errors along the road, and one of errors across it."""
+    axes = {"x": "time without satellites (s)", "y": "error (m)", "xlim": (0, LENGTH)}
+    names = "Error along the road", "Error across the road"
+    return [shown.chart(name, ylim=(-reach, reach), **axes) for name in names]
+
+
 def show_wrong_start(navigate: Navigate) -> None:
-    """Show how far off an INS is that begins tilted, or with a wrong heading."""
-    tilts, headings = ([round(i * step, 2) for i in range(6)] for step in (0.1, 1.0))
-    right = navigate(np.zeros(3))
-    t = np.linspace(0, LENGTH, 41)
-    every = (len(right) - 1) // (len(t) - 1)
+    """Show how far off an INS is that begins tilted, with a wrong heading, or a gyro's bias."""
+    right, t = navigate(np.zeros(3)), np.arange(LENGTH + 1)
+    ahead = np.hypot(*(right - t[:, None] * right[1])[:, :2].T)  # of where it would go straight on
+    fall = _GRAVITY * t**2 / 2
+    # by what is wrong: the unit of its size, in degrees, degrees, and degrees an hour; the formula
+    wrong = {
+        "tilt": (0.02, "{:.2f}°", fall, "½ g θ t²"),
+        "gyro bias": (3.0, "{:.0f}°/h", fall * t / 3 / 3600, "g b t³/6"),
+        "heading": (0.5, "{:.1f}°", ahead, "δψ · distance from straight on"),
+    }
 
-    def off(turn: Sequence[float]) -> Array:
-        return np.asarray(np.hypot(*(navigate(np.radians(turn)) - right)[::every, :2].T))
+    @cache
+    def off(w: str, s: int) -> Array:
+        size = np.radians(s * wrong[w][0])
+        turn = {"tilt": [0, size, 0], "heading": [0, 0, size]}.get(w, [0, 0, 0])
+        bias = [0, size / 3600 if w == "gyro bias" else 0, 0]
+        return np.asarray(np.hypot(*(navigate(turn, bias) - right)[:, :2].T))
 
-    by_tilt = {s: off([0.0, s, 0.0]) for s in tilts}
-    by_heading = {h: off([0.0, 0.0, h]) for h in headings}
+    def size(w: str, s: int) -> str:
+        return wrong[w][1].format(s * wrong[w][0])
+
     shown = Moving(
-        "A tilt and a heading error",
-        Slider("s", "tilt", tilts, 0.1, "{:.1f}°"),
-        Slider("h", "heading error", headings, 2.0, "{:.0f}°"),
+        "A wrong start",
+        Slider("w", "wrong at the start", [*wrong], "tilt", "{}"),
+        Slider("s", "size", [*range(6)], 5, "{:d} of 5"),
     )
-    time = {"x": "time (s)", "y": "error (m)", "xlim": (0, LENGTH), "ylim": (0, 80)}
-    tilted = shown.chart("A tilt lets gravity in", **time)
-    shown.draw(tilted, "ins", "INS", lambda s: (t, by_tilt[s]), at=34)
-    formula = {s: (t, 9.79 * np.radians(s) * t**2 / 2) for s in tilts}
-    shown.draw(tilted, "published", "½ g · tilt · t²", lambda s: formula[s], at=22)
-    turned_off = shown.chart("A heading error waits for a turn", **time)
-    shown.draw(turned_off, "ins", "INS", lambda h: (t, by_heading[h]), at=34)
-    shown.number("ins", "tilt, after 40 s", lambda s: f"{by_tilt[s][-1]:.1f} m")
-    shown.number("ins", "heading, after 40 s", lambda h: f"{by_heading[h][-1]:.1f} m")
+    chart = shown.chart(
+        "Error of the INS", x="time (s)", y="error (m)", xlim=(0, LENGTH), ylim=(0, 25)
+    )
+    shown.draw(chart, "ins", "INS", lambda w, s: (t, off(w, s)), at=34)
+    shown.draw(
+        chart, "published", "formula",
+        lambda w, s: (t, np.radians(s * wrong[w][0]) * wrong[w][2]), at=26,
+    )  # fmt: skip
+    shown.number("", "wrong", lambda w, s: f"{w} {size(w, s)}")
+    shown.number("published", "formula", lambda w: wrong[w][3])
+    shown.number("ins", "after 40 s", lambda w, s: f"{off(w, s)[-1]:.1f} m")
     shown.sentence(
-        lambda s, h: (
-            f"After 40 s, a tilt of {s:.1f} degrees has caused an error of {by_tilt[s][-1]:.1f} m, "
-            f"and a heading error of {h:.0f} degrees one of {by_heading[h][-1]:.1f} m."
-        )
+        lambda w, s: f"A {w} of {size(w, s)} makes {off(w, s)[-1]:.1f} m after {LENGTH} s."
     )
     shown.show(
         name="fig-l6-wrong",
-        caption="The same samples, integrated from a correct start and from a wrong one. The "
-        "dashed line is the formula.",
-        alt=f"Two charts over 40 s. A tilt of 0.1 degrees costs {by_tilt[0.1][-1]:.1f} m, as the "
-        f"formula predicts. A heading error of 2 degrees costs {by_heading[2.0][-1]:.1f} m, and "
-        "none before the car brakes and turns.",
+        caption="The same samples, integrated from a correct start and from a wrong one. From "
+        "about 10 s on, the car brakes and turns.",
     )
 
 
@@ -229,13 +260,11 @@ def show_constraint(constrain: Constrain) -> None:
             f"after a turn by {q} degrees and a second update, by {size(twice[q]):.2f} m/s at most."
         )
     )
+    shown.goal("half of the error is gone", lambda q: size(twice[q]) < 0.5)
     shown.show(
         name="fig-l6-constraint",
         caption="One standard deviation of the velocity error. The car drives north and uses the "
         "constraint, then turns and uses it again.",
-        alt=f"A circle of 1 m/s, and an ellipse that is {size(once):.2f} m/s long to the north and "
-        f"0.1 m/s wide. A second update without a turn changes little; after 30 degrees, at "
-        f"most {size(twice[30]):.2f} m/s remain in any direction.",
     )
 
 
@@ -260,24 +289,18 @@ def show_bands(drive: Drive, known: VehicleRun, outage: Outage, starts: Mapping[
         Slider("a", "aids", ["none", "constraint", "both"], "none", "{}"),
     )
 
-    def draw(part: int, where: str) -> None:
-        chart = shown.chart(
-            f"Error {where}", x="time without satellites (s)", y="error (m)", xlim=(0, LENGTH),
-            ylim=(-80, 80),
-        )  # fmt: skip
-
+    def draw(part: int, chart: Chart) -> None:
         def band(place: str, a: str) -> tuple[Integers, Array, Array]:
             side = found[place, a][1][part]
             return t, -side, side
 
         shown.draw(chart, "kalman", "", band, style="band")
         shown.draw(chart, "kalman", "error", lambda place, a: (t, found[place, a][0][part]))
-        shown.number(
-            "kalman", f"band {where}", lambda place, a: f"± {found[place, a][1][part, -1]:.1f} m"
-        )
+        where = chart.title.replace("Error", "band")
+        shown.number("kalman", where, lambda place, a: f"± {found[place, a][1][part, -1]:.1f} m")
 
-    draw(0, "along the road")
-    draw(1, "across the road")
+    for part, chart in enumerate(_along_and_across(shown, 80)):
+        draw(part, chart)
     shown.sentence(
         lambda place, a: (
             f"Road: {place}; aids: {a}. After {LENGTH} s, the band is "
@@ -285,58 +308,35 @@ def show_bands(drive: Drive, known: VehicleRun, outage: Outage, starts: Mapping[
             f"{found[place, a][1][1, -1]:.0f} m across it."
         )
     )
-    first = next(iter(starts))
     shown.show(
         name="fig-l6-bands",
         caption="The band is two standard deviations to either side, according to the filter "
         "above, which sees neither satellites nor the truth.",
-        alt=f"Two charts over 40 s. On the first road ({first}) without aids, both bands widen to "
-        f"{found[first, 'none'][1][0, -1]:.0f} m; with the constraint, that along the road widens "
-        f"to {found[first, 'constraint'][1][0, -1]:.0f} m, and that across it to "
-        f"{found[first, 'constraint'][1][1, -1]:.0f} m.",
     )
 
 
-def show_turns(drive: Drive, by_aids: Mapping[str, tuple[Array, Array]]) -> None:
-    """Show where on the map an error remains, and the error over how far the road turns."""
+def show_turns(drive: Drive, by_aids: Mapping[str, Parts]) -> None:
+    """Show the error of all outages over how far the road turns in them."""
     bends = turned(drive)
     off = {aids: np.hypot(*(part[-1] for part in both)) for aids, both in by_aids.items()}
-    origin = drive.reference.position[0]
-    road = ((drive.reference.position - origin) * metres(origin))[:, [1, 0]] / 1000
-    limits = [*range(5, 61, 5)]
     shown = Moving(
         "Where does the car get lost?",
-        Slider("m", "error above", limits, 20, "{:d} m"),
+        Slider("m", "error above", [*range(5, 61, 5)], LOST, "{:d} m"),
         Slider("a", "aids", [*AIDS], "none", "{}"),
     )
-    middle, span = (road.max(axis=0) + road.min(axis=0)) / 2, np.ptp(road, axis=0) / 2 + 0.2
-    span[0] = max(span[0], 1.7 * span[1])  # wider than high, or a phone has no room for it
-    x, y = ((float(m - s), float(m + s)) for m, s in zip(middle, span, strict=True))
-    drawn = shown.chart(
-        "The drive", x="east (km)", y="north (km)", xlim=x, ylim=y, equal=True,
-    )  # fmt: skip
-    pieces = [*range(0, len(STARTS), LENGTH // 10)]  # one after the other
-
-    def lost(m: int, a: str) -> tuple[Array, Array]:
-        rows = [road[STARTS[i] : STARTS[i] + LENGTH : 8] for i in pieces if off[a][i] > m]
-        here = np.concatenate(rows) if rows else np.zeros((0, 2))
-        return here[:, 0], here[:, 1]
-
-    shown.draw(drawn, "truth", "", road[::6].T)
-    shown.draw(drawn, "kalman", "", lost, style="points")
     spread = shown.chart(
         "All outages, after 40 s", x="the road turns by (degrees)", y="error (m)", xlim=(0, 180),
         ylim=(0, 120),
     )  # fmt: skip
     shown.draw(spread, "kalman", "", lambda a: (np.minimum(bends, 180), off[a]), style="points")
     shown.draw(spread, "truth", "", lambda m: ([0, 180], [m, m]))
-    straight = bends < 15
+    straight = bends < STRAIGHT
 
     def share(m: int, a: str, which: NDArray[np.bool_]) -> str:
         return f"{np.mean(off[a][which] > m):.0%}"
 
-    shown.number("kalman", "above it, straight roads", lambda m, a: share(m, a, straight))
-    shown.number("kalman", "above it, other roads", lambda m, a: share(m, a, ~straight))
+    shown.number("", "above it, straight roads", lambda m, a: share(m, a, straight))
+    shown.number("", "above it, other roads", lambda m, a: share(m, a, ~straight))
     shown.sentence(
         lambda m, a: (
             f"With aids ({a}), the error after 40 s is above {m} m in {share(m, a, straight)} of "
@@ -345,12 +345,8 @@ def show_turns(drive: Drive, by_aids: Mapping[str, tuple[Array, Array]]) -> None
     )
     shown.show(
         name="fig-l6-turns",
-        caption="Dots on the road: outages that end with an error above the limit. Below: every "
-        "outage. A road is called straight if the heading stays within 15°.",
-        alt="A map of the drive, and the error over how far the road turns. Without aids, "
-        f"{share(20, 'none', straight)} of the outages on straight roads and "
-        f"{share(20, 'none', ~straight)} of the others end with an error above 20 m; with both "
-        f"aids, {share(20, 'both', straight)} and {share(20, 'both', ~straight)}.",
+        caption="Each dot is an outage. A road is called straight if the heading stays within "
+        f"{STRAIGHT}°.",
     )
 
 
@@ -383,7 +379,6 @@ def show_learning(drive: Drive, trials: OutageTrials) -> Array:
     }
     shown.draw(distance, "kalman", "aided", lambda k: (t, off["through"][k]))
     shown.draw(distance, "lssvm", "aided, learned", lambda k: (t, off["lssvm"][k]))
-    shown.number("network", "rehearsed outages", "dots")
     shown.number("kalman", "aided", lambda k: f"{rms(off['through'][k][1:]):.1f} m")
     shown.number("lssvm", "aided, learned", lambda k: f"{rms(off['lssvm'][k][1:]):.1f} m")
     shown.sentence(
@@ -393,14 +388,10 @@ def show_learning(drive: Drive, trials: OutageTrials) -> Array:
             f"{rms(off['lssvm'][k][1:]):.1f} m with the learned correction."
         )
     )
-    k = 220
     shown.show(
         name="fig-l6-learning",
         caption="Dots: the error in outages that were rehearsed while there were satellites. The "
         "machine predicts the next outage from them.",
-        alt=f"Two charts. With satellites lost at {k} s, the error of the aided car is "
-        f"{rms(off['through'][k][1:]):.1f} m; with the prediction of the machine it is "
-        f"{rms(off['lssvm'][k][1:]):.1f} m.",
     )
     return np.array(played)
 
@@ -426,18 +417,15 @@ def show_recorded(trials: RecordedTrials) -> tuple[dict[str, tuple[Array, Array]
             found[m, k] = along_across(trials.tracks[m][:, :, i] - path, heading[held])
     shown = Moving("A recorded drive", Slider("k", "satellites lost at", starts, 120, "{:d} s"))
     off = {(m, k): rms(np.hypot(*found[m, k])[1:41]) for m, k in found}
-    charts = [
-        shown.chart(
-            f"Error {where}", x="time without satellites (s)", y="error (m)", xlim=(0, LENGTH),
-            ylim=(-60, 60),
-        )
-        for where in ("along the road", "across the road")
-    ]  # fmt: skip
+    charts = _along_and_across(shown, 60)
 
     def draw(m: str, stroke: str, label: str) -> None:
-        shown.draw(charts[0], stroke, label, lambda k: (t[:41], found[m, k][0][:41]))
-        shown.draw(charts[1], stroke, label, lambda k: (t[:41], found[m, k][1][:41]))
+        for part, chart in enumerate(charts):
+            shown.draw(chart, stroke, label, one_of(m, part))
         shown.number(stroke, label, lambda k: f"{off[m, k]:.1f} m")
+
+    def one_of(m: str, part: int) -> Callable[[int], Parts]:
+        return lambda k: (t[:41], found[m, k][part][:41])
 
     for m, (stroke, label) in methods.items():
         draw(m, stroke, label)
@@ -452,9 +440,6 @@ def show_recorded(trials: RecordedTrials) -> tuple[dict[str, tuple[Array, Array]
         name="fig-l6-recorded",
         caption="The accelerometer and gyro data are recorded, and so is the path; fixes and "
         "compass readings are made from the path by adding noise.",
-        alt="Two charts over 40 s of a recorded drive. With satellites lost at 120 s, the error is "
-        f"{off['never', 120]:.1f} m for the INS alone, {off['through', 120]:.1f} m with aids, and "
-        f"{off['lssvm', 120]:.1f} m with the learned correction.",
     )
     ends = {m: np.array([[part[LENGTH] for part in found[m, k]] for k in starts]) for m in methods}
     return {m: (ends[m][:, 0], ends[m][:, 1]) for m in methods}, float(min(bends))
@@ -482,15 +467,19 @@ def _numbers(
         ratio = rms(ends["constraint"][at][which]) / rms(ends["none"][at][which])
         how = "Share that the constraint takes, RMS after 40 s, all outages."
         found[f"taken.{name}"] = 100 * (1 - ratio), "%", how
-    far = np.hypot(*ends["constraint"]) > 20
+    far = np.hypot(*ends["constraint"]) > LOST
     for name, which in (("straight", straight), ("other", ~straight)):
         how = "Outages that end more than 20 m off with the constraint."
         found[f"lost.{name}"] = float(100 * far[which].mean()), "%", how
     found["alone.across"] = rms(ends["constraint"][1]), "m", "RMS after 40 s, constraint alone."
     right, off = navigate(np.zeros(3))[40], {}
-    for name, turn in (("tilted", (0.0, 0.05, 0.0)), ("headed", (0.0, 0.0, 2.0))):
-        off[name] = float(np.hypot(*(navigate(np.radians(turn))[40] - right)[:2]))
-        found[name] = off[name], "m", "Of the INS at 153 s, begun with this turn at 113 s."
+    none, tilt, heading = np.radians([[0, 0, 0], [0, 0.05, 0], [0, 0, 2]])
+    bias = np.radians([0, 10 / 3600, 0])
+    for name, wrong in (
+        ("tilted", (tilt, none)), ("headed", (heading, none)), ("biased", (none, bias)),
+    ):  # fmt: skip
+        off[name] = float(np.hypot(*(navigate(*wrong)[LENGTH] - right)[:2]))
+        found[name] = off[name], "m", "Of the INS at 153 s, begun so at 113 s."
     _, C, _, P = in_metres(plain.states[113, 0])
     tilts = np.array([[0, -_GRAVITY], [_GRAVITY, 0]])  # what a tilt adds to east and north
     pushed = np.hstack([np.zeros((2, 6)), tilts, np.zeros((2, 1)), C[:2], np.zeros((2, 3))])
@@ -608,7 +597,7 @@ def read_p3(
 def hold(
     record: book.ChapterRecord, drive: Drive, told: FilterSettings, by_aids: Mapping[str, Parts],
     navigate: Navigate, constrain: Constrain, outage: Outage, factor: Callable[..., float],
-    size: Mapping[str, Array], played: Array, largest: Callable[[str], Mapping[str, float]],
+    size: Mapping[str, Array], played: Array,
     in_town: Mapping[str, Parts], least: float,
 ) -> None:  # fmt: skip
     """Note the numbers of the text, hold its sentences against them, and write the record."""
@@ -622,10 +611,7 @@ def hold(
         ("recorded.constraint", "recorded.ladder.share.constraint-of-aids"),
     ):  # fmt: skip
         record.say(said_as, f"{100 * record.reference('p3-vehicle', name).value:.0f}")
-    for name in ("never", "through", "lssvm"):
-        for label, error in largest(name).items():
-            record.note(f"{name}.{label[0]}", error, "m", f"Largest error, outage {label}.")
-    straight, plain = turned(drive) < 15, run_vehicle_filter(drive, told, aiding=False, last=113)
+    straight, plain = turned(drive) < STRAIGHT, run_vehicle_filter(drive, told, aiding=False, last=113)
     ends = {aids: (along[-1], across[-1]) for aids, (along, across) in by_aids.items()}
     said = _numbers(straight, ends, navigate, plain, constrain, in_town, least)
     basis = {"recorded": "emulation", "free": "algebra"}
@@ -637,7 +623,7 @@ def hold(
         how = "RMS over that of the aided car, by how far off the played outages were."
         record.note(f"learned{name}", learned[name], "1", how, relative=1e-2)  # as in the evidence
     off = {aids: np.hypot(*both) for aids, both in ends.items()}
-    lost = off["constraint"] > 20
+    lost = off["constraint"] > LOST
     spread = np.trace(outage(113, ["constraint"])[1][:, :2, :2], axis1=1, axis2=2) ** 0.5
     alone, aided = (rms(np.hypot(*in_town[name])) for name in ("never", "through"))
     for sentence, holds in {
