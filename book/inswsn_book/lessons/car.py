@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from inswsn_book import record as book
 from inswsn_book.evidence.outage_cells import rebuild_outages, rebuild_recorded
+from inswsn_book.lessons.nodes import ellipse
 from inswsn_book.show.moving import Chart, Moving, Slider
 from inswsn_lib.evaluation import Finding
 from inswsn_lib.inertial import metres
@@ -25,15 +25,7 @@ from inswsn_lib.navigation import (
 )
 from inswsn_lib.papers import read_numbers
 from inswsn_lib.simulation import Drive
-from inswsn_lib.vehicle import (
-    FilterSettings,
-    VehicleRun,
-    VehicleState,
-    position_error,
-    replay,
-    run_vehicle_filter,
-    yaw,
-)
+from inswsn_lib.vehicle import FilterSettings, VehicleRun, VehicleState, position_error, replay, yaw
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
@@ -205,14 +197,14 @@ def show_wrong_start(navigate: Navigate) -> None:
         Slider("w", "wrong at the start", [*wrong], "tilt", "{}"),
         Slider("s", "size", [*range(6)], 5, "{:d} of 5"),
     )
-    chart = shown.chart(
-        "Error of the INS", x="time (s)", y="error (m)", xlim=(0, LENGTH), ylim=(0, 25)
-    )
+
+    def formula(w: str, s: int) -> Parts:
+        return t, np.radians(s * wrong[w][0]) * wrong[w][2]
+
+    time = {"x": "time (s)", "xlim": (0, LENGTH)}
+    chart = shown.chart("Error of the INS", y="error (m)", ylim=(0, 25), **time)
     shown.draw(chart, "ins", "INS", lambda w, s: (t, off(w, s)), at=34)
-    shown.draw(
-        chart, "published", "formula",
-        lambda w, s: (t, np.radians(s * wrong[w][0]) * wrong[w][2]), at=26,
-    )  # fmt: skip
+    shown.draw(chart, "published", "formula", formula, at=26)
     shown.number("", "wrong", lambda w, s: f"{w} {size(w, s)}")
     shown.number("published", "formula", lambda w: wrong[w][3])
     shown.number("ins", "after 40 s", lambda w, s: f"{off(w, s)[-1]:.1f} m")
@@ -224,12 +216,6 @@ def show_wrong_start(navigate: Navigate) -> None:
         caption="The same samples, integrated from a correct start and from a wrong one. From "
         "about 10 s on, the car brakes and turns.",
     )
-
-
-def _ellipse(P: Array) -> tuple[Array, Array]:
-    turn = np.linspace(0, 2 * np.pi, 61)
-    x, y = np.linalg.cholesky(P) @ np.stack([np.cos(turn), np.sin(turn)])
-    return x, y
 
 
 def show_constraint(constrain: Constrain) -> None:
@@ -245,9 +231,9 @@ def show_constraint(constrain: Constrain) -> None:
         "Spread of the velocity error", x="east (m/s)", y="north (m/s)", xlim=(-2.3, 2.3),
         ylim=(-1.15, 1.15), equal=True,
     )  # fmt: skip
-    shown.draw(chart, "ins", "before", _ellipse(circle), at=20)
-    shown.draw(chart, "constant", "one update, going north", _ellipse(once), at=15)
-    shown.draw(chart, "kalman", "after the turn", lambda q: _ellipse(twice[q]), at=50)
+    shown.draw(chart, "ins", "before", ellipse(circle, 1), at=20)
+    shown.draw(chart, "constant", "one update, going north", ellipse(once, 1), at=15)
+    shown.draw(chart, "kalman", "after the turn", lambda q: ellipse(twice[q], 1), at=50)
 
     def size(P: Array) -> float:
         return float(np.sqrt(np.linalg.eigvalsh(P)[-1]))
@@ -296,16 +282,17 @@ def show_bands(drive: Drive, known: VehicleRun, outage: Outage, starts: Mapping[
 
         shown.draw(chart, "kalman", "", band, style="band")
         shown.draw(chart, "kalman", "error", lambda place, a: (t, found[place, a][0][part]))
-        where = chart.title.replace("Error", "band")
-        shown.number("kalman", where, lambda place, a: f"± {found[place, a][1][part, -1]:.1f} m")
+
+    def ends(place: str, a: str) -> str:
+        return ", ".join(f"± {side[-1]:.0f} m" for side in found[place, a][1])
 
     for part, chart in enumerate(_along_and_across(shown, 80)):
         draw(part, chart)
+    shown.number("", "band: along, across", ends)
     shown.sentence(
         lambda place, a: (
-            f"Road: {place}; aids: {a}. After {LENGTH} s, the band is "
-            f"{found[place, a][1][0, -1]:.0f} m to either side along the road, and "
-            f"{found[place, a][1][1, -1]:.0f} m across it."
+            f"Road: {place}; aids: {a}. After {LENGTH} s, the bands along the road and across it "
+            f"are {ends(place, a)}."
         )
     )
     shown.show(
@@ -367,25 +354,23 @@ def show_learning(drive: Drive, trials: OutageTrials) -> Array:
         true[k] = (trials.positions["through"][: LENGTH + 1, 1, i, 0] - here) * east
         said[k] = trials.bridges["lssvm"].predicted[: LENGTH + 1, 0, i]
     shown = Moving("What the last outage teaches", Slider("k", "lost at", starts, 220, "{:d} s"))
-    axes = {"x": "time (s); satellites are lost at 0", "xlim": (-window, LENGTH)}
-    errors = shown.chart("Error of the aided car, east", y="error (m)", ylim=(-60, 60), **axes)
-    shown.draw(errors, "network", "", lambda k: learned[k], style="points")
+    errors = shown.chart(
+        "Error of the aided car, east", x="time (s); satellites are lost at 0", y="error (m)",
+        xlim=(-window, LENGTH), ylim=(-60, 60),
+    )  # fmt: skip
+    shown.draw(errors, "network", "rehearsed", lambda k: learned[k], style="points", at=0)
     shown.draw(errors, "kalman", "true", lambda k: (t, true[k]))
     shown.draw(errors, "lssvm", "predicted", lambda k: (t, said[k]))
-    distance = shown.chart("Distance from the true position", y="error (m)", ylim=(0, 80), **axes)
     off = {
-        m: dict(zip(starts, trials.errors[m][: LENGTH + 1, :, 0].T, strict=True))
-        for m in trials.errors
-    }
-    shown.draw(distance, "kalman", "aided", lambda k: (t, off["through"][k]))
-    shown.draw(distance, "lssvm", "aided, learned", lambda k: (t, off["lssvm"][k]))
-    shown.number("kalman", "aided", lambda k: f"{rms(off['through'][k][1:]):.1f} m")
-    shown.number("lssvm", "aided, learned", lambda k: f"{rms(off['lssvm'][k][1:]):.1f} m")
+        (m, k): f"{rms(trials.errors[m][1 : LENGTH + 1, i]):.1f} m"
+        for m in ("through", "lssvm") for i, k in enumerate(starts)
+    }  # fmt: skip
+    shown.number("", "aided: RMS", lambda k: off["through", k])
+    shown.number("", "aided, learned: RMS", lambda k: off["lssvm", k])
     shown.sentence(
         lambda k: (
             f"Satellites lost at {k} s: the root mean square error over 40 s is "
-            f"{rms(off['through'][k][1:]):.1f} m for the aided car, and "
-            f"{rms(off['lssvm'][k][1:]):.1f} m with the learned correction."
+            f"{off['through', k]} for the aided car, and {off['lssvm', k]} with the prediction."
         )
     )
     shown.show(
@@ -416,24 +401,24 @@ def show_recorded(trials: RecordedTrials) -> tuple[dict[str, tuple[Array, Array]
         for m in methods:
             found[m, k] = along_across(trials.tracks[m][:, :, i] - path, heading[held])
     shown = Moving("A recorded drive", Slider("k", "satellites lost at", starts, 120, "{:d} s"))
-    off = {(m, k): rms(np.hypot(*found[m, k])[1:41]) for m, k in found}
+    off = {(m, k): f"{rms(np.hypot(*found[m, k])[1 : LENGTH + 1]):.1f} m" for m, k in found}
     charts = _along_and_across(shown, 60)
+
+    def part_of(m: str, part: int) -> Callable[[int], Parts]:
+        return lambda k: (t[: LENGTH + 1], found[m, k][part][: LENGTH + 1])
 
     def draw(m: str, stroke: str, label: str) -> None:
         for part, chart in enumerate(charts):
-            shown.draw(chart, stroke, label, one_of(m, part))
-        shown.number(stroke, label, lambda k: f"{off[m, k]:.1f} m")
-
-    def one_of(m: str, part: int) -> Callable[[int], Parts]:
-        return lambda k: (t[:41], found[m, k][part][:41])
+            shown.draw(chart, stroke, label, part_of(m, part))
+        shown.number(stroke, label, lambda k: off[m, k])
 
     for m, (stroke, label) in methods.items():
         draw(m, stroke, label)
     shown.sentence(
         lambda k: (
-            f"Satellites lost at {k} s: the root mean square error over 40 s is "
-            f"{off['never', k]:.1f} m for the INS alone, {off['through', k]:.1f} m with aids, and "
-            f"{off['lssvm', k]:.1f} m with the learned correction."
+            f"Satellites lost at {k} s: the root mean square error over 40 s is {off['never', k]} "
+            f"for the INS alone, {off['through', k]} with aids, and {off['lssvm', k]} with the "
+            "learned correction."
         )
     )
     shown.show(
@@ -445,19 +430,11 @@ def show_recorded(trials: RecordedTrials) -> tuple[dict[str, tuple[Array, Array]
     return {m: (ends[m][:, 0], ends[m][:, 1]) for m in methods}, float(min(bends))
 
 
-def _alike(run: VehicleRun, k: int) -> float:
-    """Return the correlation of the errors of tilt and bias, as accelerations along the car."""
-    _, C, _, P = in_metres(run.states[k, 0])
-    tilt, bias = np.zeros((2, 15))
-    tilt[6:9], bias[9:12] = np.cross(C[:, 0], [0, 0, _GRAVITY]), C[:, 0] @ C
-    return float(tilt @ P @ bias / np.sqrt(tilt @ P @ tilt * (bias @ P @ bias)))
-
-
 def _numbers(
-    straight: NDArray[np.bool_], ends: Mapping[str, Parts], navigate: Navigate, plain: VehicleRun,
-    constrain: Constrain, in_town: Mapping[str, Parts], least: float,
+    straight: NDArray[np.bool_], ends: Mapping[str, Parts], navigate: Navigate,
+    in_town: Mapping[str, Parts], least: float,
 ) -> Said:  # fmt: skip
-    """Return what the text says of both drives; the filter `plain` has GPS alone, until 113 s."""
+    """Return what the text says of both drives."""
     found: Said = {"recorded.least": (least, "deg", "Least range of the heading in an outage.")}
     for name, what in (("ins", "never"), ("aided", "through")):
         for part, where in zip(in_town[what], ("along", "across"), strict=True):
@@ -472,37 +449,18 @@ def _numbers(
         how = "Outages that end more than 20 m off with the constraint."
         found[f"lost.{name}"] = float(100 * far[which].mean()), "%", how
     found["alone.across"] = rms(ends["constraint"][1]), "m", "RMS after 40 s, constraint alone."
-    right, off = navigate(np.zeros(3))[40], {}
-    none, tilt, heading = np.radians([[0, 0, 0], [0, 0.05, 0], [0, 0, 2]])
-    bias = np.radians([0, 10 / 3600, 0])
-    for name, wrong in (
-        ("tilted", (tilt, none)), ("headed", (heading, none)), ("biased", (none, bias)),
-    ):  # fmt: skip
-        off[name] = float(np.hypot(*(navigate(*wrong)[LENGTH] - right)[:2]))
-        found[name] = off[name], "m", "Of the INS at 153 s, begun so at 113 s."
-    _, C, _, P = in_metres(plain.states[113, 0])
-    tilts = np.array([[0, -_GRAVITY], [_GRAVITY, 0]])  # what a tilt adds to east and north
-    pushed = np.hstack([np.zeros((2, 6)), tilts, np.zeros((2, 1)), C[:2], np.zeros((2, 3))])
-    level = float(np.degrees(np.diag(pushed @ P @ pushed.T)[0] ** 0.5 / _GRAVITY))
-    heading = float(np.degrees(P[8, 8] ** 0.5))
-    costs = {"level": _by_tilt(level), "heading": off["headed"] * heading / 2}
-    for name, k in (("early", 30), ("late", 113)):
-        how = f"Correlation of what tilt and accelerometer bias add along the car, at {k} s."
-        found[f"alike.{name}"] = _alike(plain, k), "1", how
-    for name, value in (("level", level), ("heading", heading)):
-        found[f"sure.{name}"] = value, "deg", "Standard deviation with GPS, at 113 s."
-        found[f"costs.{name}"] = costs[name], "m", "What that leads to 40 s later."
-    found["free.without"] = _by_tilt(0.1), "m", "The formula g tilt t^2 / 2."
+    right = navigate(np.zeros(3))
+    none, tilt, heading, bias = np.radians([[0, 0, 0], [0, 0.05, 0], [0, 0, 2], [0, 1 / 360, 0]])
+    for name, wrong in (("tilted", (tilt,)), ("headed", (heading,)), ("biased", (none, bias))):
+        off = float(np.hypot(*(navigate(*wrong) - right)[LENGTH, :2]))
+        found[name] = off, "m", "Of the INS at 153 s, begun so at 113 s."
+    without = float(_GRAVITY * np.radians(0.1) * LENGTH**2 / 2)
+    found["free.without"] = without, "m", "The formula g tilt t^2 / 2."
     found["free.with"] = float(14 * np.radians(0.5) * LENGTH), "m", "The formula v psi t."
-    seen = constrain(np.eye(2), 0.0)
-    turn = brentq(lambda q: constrain(seen, q)[1, 1] ** 0.5 - 0.5, 0, np.pi / 2)
+    turn = np.arcsin((0.06 / 1.03) ** 0.5)  # three times 1 / P, with R = 0.01
     found["halves"] = float(np.degrees(turn)), "deg", "Turn that halves the velocity error along."
     found["earth"] = float(np.degrees(7.292e-5 * LENGTH)), "deg", "The turn of the earth in 40 s."
     return found
-
-
-def _by_tilt(degrees: float) -> float:
-    return float(_GRAVITY * np.radians(degrees) * LENGTH**2 / 2)
 
 
 #: What P3 prints of its outages: where it stands among its numbers, its words, and its name in the
@@ -521,12 +479,12 @@ _PRINTED = {
     "outage5_50s.kf_max": ("outage 5, 50 s, KF, largest, m", "50.never.place5.max"),
     "outage5_50s.rbf_max": ("outage 5, 50 s, RBF, largest, m", "50.rbf.place5.max"),
     "outage5_50s.proposed_max": ("outage 5, 50 s, proposed, largest, m", "50.lssvm.place5.max"),
-    "outage5_50s.improvement_vs_rbf": (
-        "outage 5, 50 s, reduction against RBF, %", "50.gain.place5.over-rbf",
-    ),
-    "outage5_50s.improvement_vs_kf": (
-        "outage 5, 50 s, reduction against KF, %", "50.gain.place5.over-kf",
-    ),
+    **{
+        f"outage5_50s.improvement_vs_{name}": (
+            f"outage 5, 50 s, reduction against {name.upper()}, %", f"50.gain.place5.over-{name}",
+        )
+        for name in ("rbf", "kf")
+    },
     **{
         f"ranges.{method}_{kind}.{end}": (
             f"{word} {words} of all outages, {label}, m", f"40.{name}.{kind}.{which}",
@@ -595,15 +553,14 @@ def read_p3(
 
 
 def hold(
-    record: book.ChapterRecord, drive: Drive, told: FilterSettings, by_aids: Mapping[str, Parts],
-    navigate: Navigate, constrain: Constrain, outage: Outage, factor: Callable[..., float],
-    size: Mapping[str, Array], played: Array,
+    record: book.ChapterRecord, drive: Drive, by_aids: Mapping[str, Parts], navigate: Navigate,
+    outage: Outage, factor: Callable[..., float], size: Mapping[str, Array], played: Array,
     in_town: Mapping[str, Parts], least: float,
 ) -> None:  # fmt: skip
     """Note the numbers of the text, hold its sentences against them, and write the record."""
     for name in (
-        "factor.through-never", "factor.until-never", "methods.lssvm", "methods.short",
-        "recorded.factor.through-never", "recorded.factor.lssvm", "lasting.0.state",
+        "factor.through-never", "factor.until-never", "methods.lssvm",
+        "recorded.factor.through-never", "recorded.factor.lssvm",
     ):  # fmt: skip
         record.say(name, f"{record.reference('p3-vehicle', name).value:.2f}")
     for said_as, name in (
@@ -611,9 +568,9 @@ def hold(
         ("recorded.constraint", "recorded.ladder.share.constraint-of-aids"),
     ):  # fmt: skip
         record.say(said_as, f"{100 * record.reference('p3-vehicle', name).value:.0f}")
-    straight, plain = turned(drive) < STRAIGHT, run_vehicle_filter(drive, told, aiding=False, last=113)
+    straight = turned(drive) < STRAIGHT
     ends = {aids: (along[-1], across[-1]) for aids, (along, across) in by_aids.items()}
-    said = _numbers(straight, ends, navigate, plain, constrain, in_town, least)
+    said = _numbers(straight, ends, navigate, in_town, least)
     basis = {"recorded": "emulation", "free": "algebra"}
     for name, (value, unit, how) in said.items():
         record.note(name, value, unit, how, basis=basis.get(name.partition(".")[0], "simulation"))
@@ -634,7 +591,6 @@ def hold(
         "In the turn the band closes.": spread[25:30].min() < 0.7 * spread[20],
         "Learning does harm.": learned[""] > 1,
         "Most where the played outages were larger.": learned[".large"] > 2 * learned[".small"],
-        "Heading costs less than the level.": said["costs.heading"][0] < said["costs.level"][0] / 2,
         "More often than not.": np.mean(size["lssvm"] > size["through"]) > 0.5,
         "Recorded, aids take most of the error.": aided < alone / 4,
         "Every recorded outage holds a turn.": least > 30,

@@ -211,7 +211,8 @@ def settled(drift: float, noise: float = 1.0) -> tuple[float, float, float]:
     return K, K * noise, (1 - K) ** 2 * drift / (1 - (1 - K) ** 2)
 
 
-def _ellipse(covariance: Any, sigmas: float = 2.0) -> tuple[Array, Array]:
+def ellipse(covariance: Any, sigmas: float = 2.0) -> tuple[Array, Array]:
+    """Return a closed line so many standard deviations about zero, by a covariance (2, 2)."""
     angle = np.linspace(0, 2 * np.pi, 73)
     x, y = sigmas * np.linalg.cholesky(covariance) @ [np.cos(angle), np.sin(angle)]
     return x, y
@@ -240,7 +241,7 @@ def show_cloud(*, start: float = 0.1, points: int = 250) -> None:
 
     def shape(q: float, share: float) -> tuple[Array, Array]:
         _, P, C = settled(q)
-        return _ellipse([[P, share * C], [share * C, P]])
+        return ellipse([[P, share * C], [share * C, P]])
 
     shown.draw(chart, "independent", "if independent", lambda q: shape(q, 0), at=63)
     shown.draw(chart, "correlated", "by the formula", lambda q: shape(q, 1), at=9)
@@ -382,8 +383,8 @@ def show_weights() -> None:
     joint = shown.chart(
         "Joint error", x="error of A", y="error of B", xlim=(-3, 3), ylim=(-3, 3), equal=True
     )
-    shown.draw(joint, "independent", "", lambda s: _ellipse([[1, 0], [0, s**2]], 1))
-    shown.draw(joint, "correlated", "", lambda r, s: _ellipse([[1, r * s], [r * s, s**2]], 1))
+    shown.draw(joint, "independent", "", lambda s: ellipse([[1, 0], [0, s**2]], 1))
+    shown.draw(joint, "correlated", "", lambda r, s: ellipse([[1, r * s], [r * s, s**2]], 1))
     m = np.linspace(0, 1.5, 76)
 
     def size(m: Any, r: float, s: float) -> Any:
