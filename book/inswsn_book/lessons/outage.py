@@ -108,6 +108,10 @@ def show_turn(drives: Mapping[float, Passage]) -> None:
     mean = cache(lambda b, share: f"{off(left(b, share)):.1f} m")
     shown.number("truth", "the road turns by", lambda b: f"{bends[b]:.0f}°")
     shown.number("", "mean error of the INS", mean)
+    shown.goal(
+        "lost at 18 s or later, the mean error is below 2 m",
+        lambda b, share: b >= 18 and off(left(b, share)) < 2,
+    )
     shown.sentence(lambda b, share: (
         f"The network is lost at {b:g} s, for 10 s, in which the road turns by {bends[b]:.0f} "
         f"degrees. With the heading's error times {share:g}, the mean error of the INS is "
