@@ -306,30 +306,21 @@ def show_turns(drive: Drive, by_aids: Mapping[str, Parts]) -> None:
     """Show the error of all outages over how far the road turns in them."""
     bends = turned(drive)
     off = {aids: np.hypot(*(part[-1] for part in both)) for aids, both in by_aids.items()}
-    shown = Moving(
-        "Where does the car get lost?",
-        Slider("m", "error above", [*range(5, 61, 5)], LOST, "{:d} m"),
-        Slider("a", "aids", [*AIDS], "none", "{}"),
-    )
+    shown = Moving("Where the car gets lost", Slider("a", "aids", [*AIDS], "none", "{}"))
     spread = shown.chart(
         "All outages, after 40 s", x="the road turns by (degrees)", y="error (m)", xlim=(0, 180),
         ylim=(0, 120),
     )  # fmt: skip
     shown.draw(spread, "kalman", "", lambda a: (np.minimum(bends, 180), off[a]), style="points")
-    shown.draw(spread, "truth", "", lambda m: ([0, 180], [m, m]))
-    straight = bends < STRAIGHT
+    shown.draw(spread, "truth", f"{LOST} m", ([0, 180], [LOST, LOST]))
 
-    def share(m: int, a: str, which: NDArray[np.bool_]) -> str:
-        return f"{np.mean(off[a][which] > m):.0%}"
+    def lost(a: str) -> str:
+        far = off[a] > LOST
+        straight, other = far[bends < STRAIGHT].mean(), far[bends >= STRAIGHT].mean()
+        return f"{straight:.0%} on straight roads, {other:.0%} on others"
 
-    shown.number("", "above it, straight roads", lambda m, a: share(m, a, straight))
-    shown.number("", "above it, other roads", lambda m, a: share(m, a, ~straight))
-    shown.sentence(
-        lambda m, a: (
-            f"With aids ({a}), the error after 40 s is above {m} m in {share(m, a, straight)} of "
-            f"the outages on straight roads and in {share(m, a, ~straight)} of the others."
-        )
-    )
+    shown.number("", f"lost: above {LOST} m", lost)
+    shown.sentence(lambda a: f"With aids ({a}), above {LOST} m after 40 s: {lost(a)}.")
     shown.show(
         name="fig-l6-turns",
         caption="Each dot is an outage. A road is called straight if the heading stays within "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any
 
@@ -81,7 +81,7 @@ def show_band(run: ExampleRun, fixes: Array) -> None:
     """Show the error of the fused velocity in its band, by clusters and factor."""
     numbers = [*range(1, len(fixes) + 1)]
     shown = Moving(
-        "How certain may the mean of many be?",
+        "How certain the mean of many may be",
         Slider("n", "clusters", numbers, 1, "{:d}"),
         Slider("f", "factor on Q", [*FACTORS], 1, "{:g}"),
     )
@@ -194,50 +194,57 @@ def show_cloud(*, start: float = 0.1, points: int = 250) -> None:
     )
 
 
-def show_many(*, start: float = 1.0) -> None:
-    """Show what the mean of many clusters is sure of, and what it is off by, by the drift."""
-    numbers = np.arange(1, MOST + 1)
-    shown = Moving(
-        "More clusters, the same drift",
-        Slider("q", "drift / noise variance", [*DRIFTS], start, "{:g}"),
-        Slider("n", "clusters", [*range(1, MOST + 1)], 3, "{:d}"),
-    )
+def _by_clusters(
+    title: str, what: str, slider: Slider, top: float,
+    curves: Mapping[str, tuple[str, Callable[[float, int], float]]],
+) -> Moving:  # fmt: skip
+    """Return a figure of some sizes over the number of clusters, by a slider named q.
 
-    def says(q: float, n: Any) -> Any:
-        return (settled(q)[1] / n) ** 0.5
+    By their labels, each has a method and a function of q and of the number; the first is what is
+    claimed, and the second what is true of it.
+    """
+    numbers = [*range(1, MOST + 1)]
+    shown = Moving(title, slider, Slider("n", "clusters", numbers, 3, "{:d}"))
+    chart = shown.chart(what, x="clusters", y="size", xlim=(1, MOST), ylim=(0, top))
 
-    def true(q: float, n: Any) -> Any:
-        _, P, C = settled(q)
-        return ((P + (n - 1) * C) / n) ** 0.5
+    def add(label: str, method: str, of: Callable[[float, int], float]) -> None:
+        short = label.partition(":")[2].strip() or label
+        shown.draw(chart, method, short, lambda q: (numbers, [of(q, n) for n in numbers]))
+        shown.number(method, label, lambda q, n: f"{of(q, n):.2f}")
 
-    @cache
-    def least(q: float, n: int) -> float:
-        return float(settled(q, 1 / n)[1] ** 0.5)
-
-    chart = shown.chart(
-        "Size of the error (unit: noise of a fix)", x="clusters", y="error", xlim=(1, MOST),
-        ylim=(0, 1),
-    )  # fmt: skip
-    shown.draw(chart, "independent", "claimed", lambda q: (numbers, says(q, numbers)))
-    shown.draw(chart, "correlated", "true", lambda q: (numbers, true(q, numbers)))
-    shown.draw(
-        chart, "kalman", "all fixes", lambda q: (numbers, [least(q, int(n)) for n in numbers])
-    )
-    shown.draw(chart, "truth", "", lambda q, n: ([n, n], [says(q, n), true(q, n)]))
-    shown.number("independent", "mean, claimed", lambda q, n: f"{says(q, n):.2f}")
-    shown.number("correlated", "mean, true", lambda q, n: f"{true(q, n):.2f}")
-    shown.number("kalman", "one filter, all fixes", lambda q, n: f"{least(q, n):.2f}")
+    for label, (method, of) in curves.items():
+        add(label, method, of)
+    (_, claimed), (_, true), *_ = curves.values()
+    shown.draw(chart, "truth", "", lambda q, n: ([n, n], [claimed(q, n), true(q, n)]))
     shown.sentence(
         lambda q, n: (
-            f"{_count(n)}, drift {q:g}: the mean claims an error of {says(q, n):.2f} and has one "
-            f"of {true(q, n):.2f}; one filter of all fixes has {least(q, n):.2f}."
+            f"{_count(n)}, {slider.label} {q:g}: "
+            + ", ".join(f"{label} {of(q, n):.2f}" for label, (_, of) in curves.items()) + "."
         )
-    )
-    shown.show(
+    )  # fmt: skip
+    return shown
+
+
+def show_many(*, start: float = 1.0) -> None:
+    """Show what the mean of many clusters is sure of, and what it is off by, by the drift."""
+
+    def true(q: float, n: int) -> float:
+        _, P, C = settled(q)
+        return float(((P + (n - 1) * C) / n) ** 0.5)
+
+    _by_clusters(
+        "More clusters, the same drift", "Size of the error (unit: noise of a fix)",
+        Slider("q", "drift / noise variance", [*DRIFTS], start, "{:g}"), 1.0,
+        {
+            "mean: claimed": ("independent", lambda q, n: (settled(q)[1] / n) ** 0.5),
+            "mean: true": ("correlated", true),
+            "one filter: all fixes": ("kalman", lambda q, n: settled(q, 1 / n)[1] ** 0.5),
+        },
+    ).show(
         name="fig-l5-many",
         caption="The claimed error falls with the square root of the number of clusters. The true "
         "error levels off at what the clusters have in common.",
-    )
+    )  # fmt: skip
 
 
 def with_factor(f: float, n: int, drift: float, *, reset: bool) -> tuple[float, float]:
@@ -361,38 +368,18 @@ def show_weights() -> None:
 
 def show_promise() -> None:
     """Show the worst-case gain that P2's inequality promises and the true one, over clusters."""
-    numbers = np.arange(1, MOST + 1)
-    shown = Moving(
-        "A promise that improves with every cluster",
-        Slider("n", "clusters", [*range(1, MOST + 1)], 1, "{:d}"),
-        Slider("d", "noise of a fix / drift", [0.5, 1.0, 2.0, 4.0], 1.0, "{:g}"),
-    )
-
-    def promised(n: Any, d: float) -> Any:
-        return ((1 + d**2) / n) ** 0.5
-
-    def true(n: Any, d: float) -> Any:
-        return (1 + d**2 / n) ** 0.5
-
-    chart = shown.chart(
-        "Worst-case gain of the fusion", x="clusters", y="gain", xlim=(1, MOST), ylim=(0, 3)
-    )
-    shown.draw(chart, "independent", "promised", lambda d: (numbers, promised(numbers, d)))
-    shown.draw(chart, "distributed", "true", lambda d: (numbers, true(numbers, d)))
-    shown.draw(chart, "truth", "", lambda n, d: ([n, n], [promised(n, d), true(n, d)]))
-    shown.number("independent", "promised", lambda n, d: f"{promised(n, d):.2f}")
-    shown.number("distributed", "true", lambda n, d: f"{true(n, d):.2f}")
-    shown.sentence(
-        lambda n, d: (
-            f"{_count(n)}, noise {d:g}: the promised gain is {promised(n, d):.2f}, the true one "
-            f"{true(n, d):.2f}."
-        )
-    )
-    shown.show(
+    _by_clusters(
+        "A promise that improves with every cluster", "Worst-case gain of the fusion",
+        Slider("q", "noise of a fix / drift", [0.5, 1.0, 2.0, 4.0], 1.0, "{:g}"), 4.2,
+        {
+            "gain: promised": ("independent", lambda q, n: ((1 + q**2) / n) ** 0.5),
+            "gain: true": ("distributed", lambda q, n: (1 + q**2 / n) ** 0.5),
+        },
+    ).show(
         name="fig-l5-promise",
         caption="Identical clusters, each with a filter of gain 1. The promise keeps falling; "
         "the true gain levels off at 1, which is due to the drift.",
-    )
+    )  # fmt: skip
 
 
 def show_reductions(

@@ -189,21 +189,15 @@ def show_widths(drive: Passage, machine: Machine) -> None:
     shown.draw(learned, "network", "", (t[:heard:4], y[::4, 1]), style="points")
     shown.draw(learned, "ins", "true", (t, error[:, 1]))
     shown.draw(learned, "lssvm", "learned", lambda s, n: (t, said[s, n][:, 1]))
-    x = np.log10(WIDTHS)
     chart = shown.chart(
         "Mean distance, by the width", x="width of the kernel (s), as a power of ten",
         y="error (m)", xlim=(-1.1, 4.1), ylim=(0, 30),
     )  # fmt: skip
-    shown.draw(chart, "constant", "in training", lambda n: (x, [train[s, n] for s in WIDTHS]))
-    shown.draw(chart, "lssvm", "in the outage", lambda n: (x, [bridged[s, n] for s in WIDTHS]))
-    shown.draw(chart, "lssvm", "", lambda s, n: ([np.log10(s)], [bridged[s, n]]), style="points")
+    _by_width(shown, chart, WIDTHS, {"in training": train, "in the outage": bridged})
     middle, ins = off((error - y.mean(axis=0))[heard:]), off(error[heard:])
-    for method, label, level in (("published", "mean", middle), ("ins", "INS", ins)):
-        shown.draw(chart, method, label, (x, np.full(len(x), level)))
-    shown.number("constant", "in training", lambda s, n: f"{train[s, n]:.2f} m")
-    shown.number("lssvm", "in the outage", lambda s, n: f"{bridged[s, n]:.1f} m")
-    shown.number("published", "the mean, in the outage", f"{middle:.1f} m")
-    shown.number("ins", "INS alone, in the outage", f"{ins:.1f} m")
+    for method, label, level in (("published", "mean", middle), ("ins", "INS alone", ins)):
+        shown.draw(chart, method, label, ([-1.1, 4.1], [level, level]))
+        shown.number(method, f"{label}, in the outage", f"{level:.1f} m")
     shown.goal("mean error in the outage below 3 m", lambda s, n: bridged[s, n] < 3)
     shown.sentence(lambda s, n: (
         f"With the width {s:,g} s and the regularisation {n:,.0f}, the machine's error is "
@@ -228,27 +222,24 @@ def show_rehearsal(drive: Passage, bridge: Bridge) -> None:
         for s in widths:
             losses = {n: off(bridge(u[:heard], y[:half], s, n) - y[half:]) for n in STRENGTHS}
             n = min(losses, key=losses.__getitem__)
-            rehearsed[kind, s] = losses[n]
-            bridged[kind, s] = off(bridge(u, y, s, n) - error[heard:])
+            rehearsed[s, kind] = losses[n]
+            bridged[s, kind] = off(bridge(u, y, s, n) - error[heard:])
     shown = Moving(
         "Rehearse an outage, then meet one",
-        Slider("kind", "input", kinds, "motion", "{}"),
+        Slider("n", "input", kinds, "motion", "{}"),
         Slider("s", "width (deviations)", widths, 0.1, "{:,.3g}"),
     )
     chart = shown.chart(
         "Mean distance, by the width", x="width, as a power of ten", y="error (m)",
         xlim=(-1.1, 3.1), ylim=(0, 50),
     )  # fmt: skip
-    x, ins = np.log10(widths), off(error[heard:])
-    for method, label, of in (
-        ("constant", "rehearsed", rehearsed), ("lssvm", "in the outage", bridged)
-    ):  # fmt: skip
-        _by_width(shown, chart, (method, label), of, widths)
-    shown.draw(chart, "ins", "INS", (x, np.full(len(x), ins)))
+    _by_width(shown, chart, widths, {"rehearsed": rehearsed, "in the outage": bridged})
+    ins = off(error[heard:])
+    shown.draw(chart, "ins", "INS", ([-1.1, 3.1], [ins, ins]))
     shown.number("ins", "INS alone, in the outage", f"{ins:.1f} m")
-    shown.sentence(lambda kind, s: (
-        f"With {kind} as the input and a width of {s:.3g} deviations, the machine's error is "
-        f"{rehearsed[kind, s]:.1f} m in the rehearsal and {bridged[kind, s]:.1f} m in the outage."
+    shown.sentence(lambda n, s: (
+        f"With {n} as the input and a width of {s:.3g} deviations, the machine's error is "
+        f"{rehearsed[s, n]:.1f} m in the rehearsal and {bridged[s, n]:.1f} m in the outage."
     ))  # fmt: skip
     shown.show(
         name="fig-l4-rehearsal",
@@ -258,14 +249,19 @@ def show_rehearsal(drive: Passage, bridge: Bridge) -> None:
 
 
 def _by_width(
-    shown: Moving, chart: Chart, names: tuple[str, str], of: Mapping[tuple[str, float], float],
-    widths: list[float],
+    shown: Moving, chart: Chart, widths: list[float],
+    errors: Mapping[str, Mapping[tuple[float, Any], float]],
 ) -> None:  # fmt: skip
-    """Draw an error over the width, and say it, by the input."""
+    """Draw two errors over the width, known before the outage and not, by the sliders s and n."""
     x = np.log10(widths)
-    shown.draw(chart, *names, lambda kind: (x, [of[kind, s] for s in widths]))
-    shown.draw(chart, names[0], "", lambda kind, s: ([np.log10(s)], [of[kind, s]]), style="points")
-    shown.number(*names, lambda kind, s: f"{of[kind, s]:.1f} m")
+
+    def add(method: str, label: str, of: Mapping[tuple[float, Any], float]) -> None:
+        shown.draw(chart, method, label, lambda n: (x, [of[s, n] for s in widths]))
+        shown.draw(chart, method, "", lambda s, n: ([np.log10(s)], [of[s, n]]), style="points")
+        shown.number(method, label, lambda s, n: f"{of[s, n]:.2f} m")
+
+    for method, (label, of) in zip(("constant", "lssvm"), errors.items(), strict=True):
+        add(method, label, of)
 
 
 def show_rivals(

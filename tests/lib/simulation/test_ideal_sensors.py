@@ -8,6 +8,7 @@ from hypothesis import given, settings, strategies as st
 from pyins import sim, strapdown, transform
 from pyins.util import ACCEL_COLS, DV_COLS, GYRO_COLS, LLA_COLS, RPH_COLS, THETA_COLS
 
+from inswsn_lib.simulation import ideal_sensors as module, vehicle_sensors
 from inswsn_lib.simulation.ideal_sensors import as_increments, ideal_sensors
 
 
@@ -36,3 +37,28 @@ def test_they_are_what_pyins_simulates(seed: int, size: float, period: float) ->
     theta, dv = as_increments(*(imu[names].to_numpy().T for names in (GYRO_COLS, ACCEL_COLS)))
     assert theta == pytest.approx(told[THETA_COLS].to_numpy().T, rel=1e-14, abs=1e-18)
     assert dv == pytest.approx(told[DV_COLS].to_numpy().T, rel=1e-14, abs=1e-18)
+
+
+def test_with_numpy_alone_they_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a page of the book: a car that leaves a standstill and turns, on a slope."""
+    time = 0.01 * np.arange(3000)
+    course = 0.2 * np.sin(0.3 * time) ** 2
+    speed = 10 * (1 - np.cos(0.2 * time))
+    velocity = speed[:, None] * np.stack([np.cos(course), np.sin(course), 0.02 + 0 * time], 1)
+    attitude = np.stack([0.01 * np.sin(time), -0.02 + 0 * time, course], axis=1)
+    walk = np.random.default_rng(3).standard_normal((2, 500))
+    motion = time, np.array([32.0, 118.0, 20.0]), attitude, velocity
+    place, _, rotation, push = ideal_sensors(*motion)
+    process = vehicle_sensors.gauss_markov(walk, 2.0, 30.0, 0.1)
+
+    def absent(*_: object) -> None:
+        raise ModuleNotFoundError
+
+    monkeypatch.setattr(module, "CubicSpline", absent)
+    monkeypatch.setattr(module, "solve_banded", absent)
+    monkeypatch.setattr(vehicle_sensors, "lfilter", absent)
+    alone = ideal_sensors(*motion)
+    assert np.abs(alone[0] - place).max() < 1e-9  # degrees, and m
+    assert np.abs(alone[2] - rotation).max() < 1e-13
+    assert np.abs(alone[3] - push).max() < 1e-7  # a car gathers 1e-2 m/s in a sample
+    assert (vehicle_sensors.gauss_markov(walk, 2.0, 30.0, 0.1) == process).all()
