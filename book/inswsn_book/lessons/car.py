@@ -172,7 +172,7 @@ def _along_and_across(shown: Moving, reach: float) -> list[Chart]:
 
 def show_wrong_start(navigate: Navigate) -> None:
     """Show how far off an INS is that begins tilted, with a wrong heading, or a gyro's bias."""
-    right, t = navigate(np.zeros(3)), np.arange(LENGTH + 1)
+    right, t = navigate(np.zeros(3)), np.arange(LENGTH + 1.0)
     ahead = np.hypot(*(right - t[:, None] * right[1])[:, :2].T)  # of where it would go straight on
     fall = _GRAVITY * t**2 / 2
     # by what is wrong: the unit of its size, in degrees, degrees, and degrees an hour; the formula
@@ -395,7 +395,7 @@ def show_recorded(trials: RecordedTrials) -> tuple[dict[str, tuple[Array, Array]
     off = {(m, k): f"{rms(np.hypot(*found[m, k])[1 : LENGTH + 1]):.1f} m" for m, k in found}
     charts = _along_and_across(shown, 60)
 
-    def part_of(m: str, part: int) -> Callable[[int], Parts]:
+    def part_of(m: str, part: int) -> Callable[[int], tuple[Integers, Array]]:
         return lambda k: (t[: LENGTH + 1], found[m, k][part][: LENGTH + 1])
 
     def draw(m: str, stroke: str, label: str) -> None:
@@ -441,8 +441,9 @@ def _numbers(
         found[f"lost.{name}"] = float(100 * far[which].mean()), "%", how
     found["alone.across"] = rms(ends["constraint"][1]), "m", "RMS after 40 s, constraint alone."
     right = navigate(np.zeros(3))
-    none, tilt, heading, bias = np.radians([[0, 0, 0], [0, 0.05, 0], [0, 0, 2], [0, 1 / 360, 0]])
-    for name, wrong in (("tilted", (tilt,)), ("headed", (heading,)), ("biased", (none, bias))):
+    none, y, z = np.radians([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    starts = {"tilted": (0.05 * y,), "headed": (2 * z,), "biased": (none, y / 360)}  # 10 deg/h
+    for name, wrong in starts.items():
         off = float(np.hypot(*(navigate(*wrong) - right)[LENGTH, :2]))
         found[name] = off, "m", "Of the INS at 153 s, begun so at 113 s."
     without = float(_GRAVITY * np.radians(0.1) * LENGTH**2 / 2)

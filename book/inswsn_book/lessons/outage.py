@@ -346,7 +346,7 @@ def show_heading(
         for b in begins:
             rows, y = _after(t, b, len(since)), drive.y.copy()
             y[rows.start :] = np.nan
-            said = 0.0, coast(y)[rows], knowing(y, velocity)[rows, :4]
+            said = 0 * drive.error[rows], coast(y)[rows], knowing(y, velocity)[rows, :4]
             for name, answers in zip(names, said, strict=True):
                 found[name, b, share] = distances(drive.error[rows] - answers)
     shown = Moving(
