@@ -21,8 +21,8 @@
   }
 
   /** What a table holds where the sliders stand: the last of its sliders goes fastest. */
-  const found = (table, sliders, state) =>
-    table.values[table.by.reduce((index, name) => index * sliders[name].texts.length + state[name], 0)];
+  const indexOf = (table, sliders, places) => table.by.reduce((index, name) => index * sliders[name].texts.length + places[name], 0);
+  const found = (table, sliders, places) => table.values[indexOf(table, sliders, places)];
 
   const STEPS = 10000;
   const SIGNS = String.fromCharCode(...Array.from({ length: 94 }, (_, i) => 33 + i)).replace(/["<\\`]/g, "");
@@ -81,6 +81,8 @@
     return {
       box,
       height: box.bottom + 40,
+      wide,
+      start: [x[0], y[0]],
       x: (value) => box.left + (inside(value, x) - x[0]) * wide,
       y: (value) => box.bottom - (inside(value, y) - y[0]) * (chart.equal ? wide : up),
     };
@@ -118,6 +120,15 @@
     const [xs, ys, tops] = values;
     const points = xs.map((x, i) => [frame.x(x).toFixed(1), frame.y(ys[i]).toFixed(1)]);
     if (series.style === "points") return points.map(([cx, cy]) => make("svg:circle", { fill: colour, cx, cy, r: 2.2 }));
+    if (series.style === "handle") {
+      return points.map(([cx, cy]) => make("svg:circle", { class: "moving-handle", fill: colour, stroke: colour, cx, cy, r: 7 }));
+    }
+    if (series.style === "circle") {
+      const { left, right, top, bottom } = frame.box;
+      const circles = xs.map((x, i) => make("svg:circle", { class: "moving-line", stroke: colour, "stroke-dasharray": dashes.join(" "),
+        cx: (x - frame.start[0]) * frame.wide, cy: bottom - top - (ys[i] - frame.start[1]) * frame.wide, r: tops[i] * frame.wide }));
+      return [make("svg:svg", { x: left, y: top, width: right - left, height: bottom - top, overflow: "hidden" }, ...circles)]; // cut at the axes
+    }
     if (series.style === "bars") {
       const wide = 0.8 * (frame.x(xs[1]) - frame.x(xs[0]));
       const foot = frame.y(0);
@@ -172,51 +183,142 @@
       ...chart.series.flatMap((series, i) => seriesOf(series, values[i], frame, strokes[series.method])),
       ...labels.map(({ method, label, x, y }) => make("svg:text", { class: "moving-label", fill: strokes[method][0], x, y }, label)),
     );
+    return frame;
   }
 
-  /** A short piece of a line, as the key of a number to the charts. */
-  const sample = ([colour, dashes]) =>
-    make("svg:svg", { class: "moving-sample", width: 26, height: 10, "aria-hidden": "true", focusable: "false" }, line([[1, 5], [25, 5]], colour, dashes));
+  /** What the series of a number looks like, as its key. */
+  function keyOf(style, [colour, dashes]) {
+    if (!style) return "";
+    const dots = style === "points" || style === "handle";
+    const filled = { band: 0.3, bars: 1 }[style];
+    const shape = dots ? make("svg:circle", { fill: colour, cx: 13, cy: 5, r: style === "points" ? 2.2 : 5 })
+      : filled ? make("svg:rect", { fill: colour, "fill-opacity": filled, x: 1, width: 24, y: 0, height: 10 }) : line([[1, 5], [25, 5]], colour, dashes);
+    return make("svg:svg", { class: "moving-sample", width: 26, height: 10, "aria-hidden": "true", focusable: "false" }, shape);
+  }
 
-  function sliderField(slider, id, moved) {
+  const MOST_BUTTONS = 4; // places of a choice: more make a slider
+
+  /** What a reader moves: its label, its input or buttons, and what says its place. */
+  function controlOf(slider, id, move) {
     const last = slider.texts.length - 1;
-    const input = make("input", { type: "range", id, min: 0, max: last, step: 1, value: slider.start, autocomplete: "off", "data-name": slider.name });
+    if (last < MOST_BUTTONS) {
+      const buttons = slider.texts.map((text, place) => {
+        const input = make("input", { type: "radio", id: `${id}-${place}`, name: id, "data-name": slider.name, autocomplete: "off" });
+        input.addEventListener("change", () => move(place));
+        return { input, label: make("label", { for: input.id }, text) };
+      });
+      const row = make("div", { class: "moving-buttons" }, ...buttons.flatMap(({ input, label }) => [input, label]));
+      const legend = make("span", { id: `${id}-label` }, slider.label);
+      const field = make("div", { class: "moving-control", role: "radiogroup", "aria-labelledby": legend.id }, legend, row);
+      return { field, show: (place) => { buttons[place].input.checked = true; } };
+    }
+    const input = make("input", { type: "range", id, min: 0, max: last, step: 1, autocomplete: "off", "data-name": slider.name });
     // an output is a live region by itself, but the slider says its value already
     const output = make("output", { for: id, "aria-live": "off" });
-    input.addEventListener("input", moved);
-    return { input, output, field: make("div", { class: "moving-control" }, make("label", { for: id }, slider.label), input, output) };
+    input.addEventListener("input", () => move(Number(input.value)));
+    const field = make("div", { class: "moving-control" }, make("label", { for: id }, slider.label), input, output);
+    const show = (place) => {
+      input.value = place;
+      output.textContent = slider.texts[place];
+      input.setAttribute("aria-valuetext", slider.texts[place]);
+    };
+    if (slider.plays) field.append(playerOf(input, last));
+    return { field, show };
   }
 
-  /** Build a moving figure in its section. */
+  /** A button that goes through the places of a slider, from the first again after the last. */
+  function playerOf(input, last) {
+    const button = make("button", { type: "button", class: "moving-play" });
+    let timer;
+    const stop = () => { timer = clearInterval(timer); button.textContent = "▶ Play"; };
+    const go = (place) => { input.value = place; input.dispatchEvent(new Event("input")); };
+    button.addEventListener("click", () => {
+      if (timer) return stop();
+      button.textContent = "❚❚ Pause";
+      if (Number(input.value) === last) go(0);
+      timer = setInterval(() => {
+        if (Number(input.value) < last) go(Number(input.value) + 1);
+        else stop();
+      }, Math.min(400, Math.max(50, 6000 / last)));
+    });
+    stop();
+    return button;
+  }
+
+  /** Let a reader drag the handles of a chart: their sliders go to the place whose point is nearest. */
+  function letDrag(svg, chart, sliders, places, moveTo) {
+    const handles = chart.series.filter(({ style }) => style === "handle");
+    const NEAR = 24;
+    let held;
+
+    /** The nearest place of a handle: how far it is away, and by which index in its table. */
+    const nearest = (event, { values }, indices) => {
+      const { left, top } = svg.getBoundingClientRect();
+      const away = ([[x], [y]]) => Math.hypot(svg.frame.x(x) - event.clientX + left, svg.frame.y(y) - event.clientY + top);
+      return indices.map((index) => [away(values[index]), index]).sort((a, b) => a[0] - b[0])[0];
+    };
+    svg.addEventListener("pointerdown", (event) => {
+      held = handles.find((handle) => nearest(event, handle, [indexOf(handle, sliders, places)])[0] < NEAR);
+      if (held) svg.setPointerCapture(event.pointerId);
+    });
+    svg.addEventListener("pointermove", (event) => {
+      if (!held) return;
+      let [, index] = nearest(event, held, [...held.values.keys()]);
+      const there = {};
+      for (const name of [...held.by].reverse()) {
+        there[name] = index % sliders[name].texts.length;
+        index = Math.floor(index / sliders[name].texts.length);
+      }
+      moveTo(there);
+    });
+    for (const end of ["pointerup", "pointercancel"]) svg.addEventListener(end, () => { held = undefined; });
+  }
+
+  /** What a goal says: where it is reached if it is. */
+  function said(goal, sliders, places) {
+    if (!found(goal, sliders, places)) return `Goal: ${goal.text}.`;
+    const where = goal.by.map((name) => {
+      const text = sliders[name].texts[places[name]];
+      return text.includes("=") ? text : `${sliders[name].label} ${text}`;
+    });
+    return `✓ Reached: ${goal.text}, at ${where.join(", ")}.`;
+  }
+
+  /** Build a moving figure in its section; `root.moving` then has the places, and a function that moves them. */
   function build(root) {
     const content = read(root);
     const sliders = Object.fromEntries(content.sliders.map((slider) => [slider.name, slider]));
-    const fields = content.sliders.map((slider) => sliderField(slider, `${root.id}-${slider.name}`, () => refresh()));
-    const numbers = content.numbers.map(({ method, label }) => {
+    const places = Object.fromEntries(content.sliders.map(({ name, start }) => [name, start]));
+    const moveTo = (others) => { Object.assign(places, others); refresh(); };
+    const controls = content.sliders.map((slider) => controlOf(slider, `${root.id}-${slider.name}`, (place) => moveTo({ [slider.name]: place })));
+    const numbers = content.numbers.map(({ method, label, key }) => {
       const value = make("dd");
-      return { value, row: make("div", {}, make("dt", {}, sample(content.strokes[method]), ` ${label}`), value) };
+      return { value, row: make("div", {}, make("dt", {}, keyOf(key, content.strokes[method]), ` ${label}`), value) };
     });
+    const goals = content.goals.map(() => make("p", { class: "moving-goal", "aria-live": "polite" }));
     const status = make("p", { class: "moving-status", role: "status", "aria-live": "polite" });
     const charts = content.charts.map((chart, i) => {
       const id = `${root.id}-chart-${i}`;
-      return make("svg:svg", { id, role: "img", "aria-labelledby": `${id}-title`, "aria-describedby": `${id}-desc` });
+      const svg = make("svg:svg", { id, role: "img", "aria-labelledby": `${id}-title`, "aria-describedby": `${id}-desc` });
+      if (chart.series.some(({ style }) => style === "handle")) letDrag(svg, chart, sliders, places, moveTo);
+      return svg;
     });
     const holder = make("div", { class: "moving-charts" }, ...charts);
     let waiting = 0;
 
     function refresh(width = Math.floor(holder.clientWidth)) {
-      const state = Object.fromEntries(content.sliders.map((slider, i) => [slider.name, Number(fields[i].input.value)]));
-      content.sliders.forEach((slider, i) => {
-        const text = slider.texts[state[slider.name]];
-        fields[i].output.textContent = text;
-        fields[i].input.setAttribute("aria-valuetext", text);
+      content.sliders.forEach(({ name }, i) => controls[i].show(places[name]));
+      content.numbers.forEach((number, i) => { numbers[i].value.textContent = found(number, sliders, places); });
+      content.goals.forEach((goal, i) => {
+        const text = said(goal, sliders, places);
+        goals[i].classList.toggle("moving-reached", found(goal, sliders, places));
+        if (goals[i].textContent !== text) goals[i].textContent = text;
       });
-      content.numbers.forEach((number, i) => { numbers[i].value.textContent = found(number, sliders, state); });
-      const sentence = found(content.sentence, sliders, state);
+      const sentence = found(content.sentence, sliders, places);
       if (width > 0) {
         const beside = roomBeside(content.charts);
         content.charts.forEach((chart, i) => {
-          draw(charts[i], chart, chart.series.map((series) => found(series, sliders, state)), width, beside, sentence, content.strokes);
+          charts[i].frame = draw(charts[i], chart, chart.series.map((series) => found(series, sliders, places)), width, beside, sentence, content.strokes);
         });
       }
       clearTimeout(waiting); // said once a slider rests
@@ -224,12 +326,13 @@
     }
 
     refresh(320); // all is drawn once before anything is changed
+    root.moving = { places, moveTo };
     root.setAttribute("aria-label", content.title);
     root.setAttribute("role", "group");
     root.append(
-      make("div", { class: "moving-controls" }, ...fields.map((field) => field.field)),
+      make("div", { class: "moving-controls" }, ...controls.map(({ field }) => field)), ...goals,
       make("dl", { class: "moving-numbers" }, ...numbers.map((number) => number.row)),
-      holder, ...(fields.length ? [status] : []),
+      holder, ...(controls.length ? [status] : []),
     );
     root.hidden = false;
     new ResizeObserver(() => refresh()).observe(holder); // which calls it at once

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, weekly_but
 from inswsn_book.show.moving import Moving, Slider
-from playwright.sync_api import Browser, CDPSession, Locator, Page
+from playwright.sync_api import Browser, CDPSession, Locator, Page, expect
 from visiting import PAGES, Visit, boxes, opening, settled
 
 from inswsn_lib.filters import run_hinfinity, run_kalman
@@ -44,9 +44,9 @@ PAINTS = f"""async (slider) => {{
 # What a test may have changed of a page that the next one takes over
 AS_OPENED = """() => {
   document.activeElement.blur();
-  for (const slider of document.querySelectorAll("section.moving input")) {
-    slider.value = slider.defaultValue;
-    slider.dispatchEvent(new Event("input"));
+  for (const root of document.querySelectorAll("section.moving")) {
+    const { sliders } = inswsnMoving.read(root);
+    root.moving.moveTo(Object.fromEntries(sliders.map(({ name, start }) => [name, start])));
   }
   scrollTo(0, 0);
 }"""
@@ -93,10 +93,7 @@ def tables(built_site: Path, name: str, figure: str) -> dict[str, Any]:
 
 
 def move(figure: Locator, name: str, place: int) -> None:
-    figure.locator(f"input[data-name={name}]").evaluate(
-        "(slider, place) => { slider.value = place; slider.dispatchEvent(new Event('input')); }",
-        place,
-    )
+    figure.evaluate("(root, there) => root.moving.moveTo(there)", {name: place})
 
 
 @lessons
@@ -115,7 +112,7 @@ def test_a_slider_stays_under_the_pointer_and_in_one_window_with_its_charts(
     page = lesson(name, screen)
     for figure in figures(page):
         settled(page)  # a figure above says last what it shows, and may grow by a line
-        for slider in figure.locator("input").all():
+        for slider in figure.locator("input[type=range]").all():
             slider.scroll_into_view_if_needed()
             (before,) = boxes(slider)
             for end in ("Home", "End"):
@@ -134,7 +131,7 @@ def test_a_move_is_seen_at_once(lesson: Lesson, name: str) -> None:
     session = page.context.new_cdp_session(page)
     session.send("Performance.enable", {"timeDomain": "threadTicks"})
     for figure in figures(page):
-        for slider in figure.locator("input").all():
+        for slider in figure.locator("input[type=range]").all():
             before = seconds_of(session)
             slider.evaluate(PAINTS)
             assert 0 < seconds_of(session) - before < 0.1 * PLACES
@@ -150,7 +147,7 @@ def seconds_of(session: CDPSession) -> float:
 @lessons
 def test_the_keyboard_moves_it_and_says_what_is_seen(lesson: Lesson, name: str) -> None:
     for figure in figures(lesson(name)):
-        for slider in figure.locator("input").all():
+        for slider in figure.locator("input[type=range]").all():
             slider.press("Home")
             first = figure.inner_text()
             slider.press("ArrowRight")
@@ -213,6 +210,70 @@ def test_a_page_reads_what_was_written(browser: Browser, displayed: list[Any]) -
         np.testing.assert_allclose(both[a - 1][1], expected, atol=12 / 10_000)
         np.testing.assert_allclose(band[a - 1][1:], [-wave[:a], wave[:a]], atol=12 / 10_000)
     assert none == [[[], []]]
+
+
+@pytest.fixture
+def primitives(browser: Browser, displayed: list[Any]) -> Iterator[Locator]:
+    """A figure with all that a reader can do: choose, slide, play, drag, and reach a goal."""
+    made = Moving("All", Slider("k", "kind", ["left", "right"], "left", "{}"),
+                  Slider("t", "time", [*range(6)], 0, "t = {:d} s", plays=True))  # fmt: skip
+    chart = made.chart("Map", x="x", y="y", xlim=(0, 10), ylim=(0, 10), equal=True)
+    side = {"left": 2.0, "right": 8.0}
+    made.draw(chart, "ins", "", lambda k, t: ([side[k]], [2.0 * t]), style="handle")
+    made.draw(chart, "network", "", lambda t: ([5.0], [5.0], [1.0 + t]), style="circle")
+    made.number("ins", "time", lambda t: f"{t} s")
+    made.number("kalman", "other", lambda t: f"{-t} s")
+    made.goal("three seconds on the right", lambda k, t: (k, t) == ("right", 3))
+    made.sentence(lambda k, t: f"{t} s on the {k}.")
+    made.show(name="fig-all", caption="See.")
+    page = browser.new_page(viewport=DESKTOP)
+    page.set_content(displayed[0][0]["text/html"])
+    page.add_script_tag(path=ROOT / "book" / "_static" / "moving.js")
+    page.add_style_tag(path=ROOT / "book" / "_static" / "moving.css")
+    page.evaluate("inswsnMoving.build(document.querySelector('section'))")
+    expect(page.locator(".moving-handle")).to_be_visible()
+    yield page.locator("section")
+    page.close()
+
+
+def test_few_places_are_buttons_and_a_goal_says_where_it_is_reached(primitives: Locator) -> None:
+    figure, goal = primitives, primitives.locator(".moving-goal")
+    assert figure.get_by_role("radio").count() == 2
+    assert goal.inner_text() == "Goal: three seconds on the right."
+    figure.get_by_text("right", exact=True).click()
+    figure.get_by_role("slider").press("End")
+    assert figure.evaluate("(root) => root.moving.places") == {"k": 1, "t": 5}
+    for _ in range(2):
+        figure.get_by_role("slider").press("ArrowLeft")
+    assert goal.inner_text().endswith(
+        "Reached: three seconds on the right, at kind right, t = 3 s."
+    )
+    # a key for the number that is of a series, and none for the one that is of none
+    assert [row.locator("svg").count() for row in figure.locator("dt").all()] == [1, 0]
+
+
+def test_a_handle_is_dragged_to_the_nearest_place(primitives: Locator) -> None:
+    (start,) = boxes(primitives.locator(".moving-handle"))
+    (chart,) = boxes(primitives.locator("svg[role=img]"))
+    mouse = primitives.page.mouse
+    mouse.move(start["x"] + 7, start["y"] + 7)
+    mouse.down()
+    mouse.move(start["x"] + 0.6 * (chart["right"] - start["x"]), start["y"] - 60, steps=5)
+    mouse.up()
+    places = primitives.evaluate("(root) => root.moving.places")
+    assert places["k"] == 1
+    assert 0 < places["t"] < 5
+    mouse.move(0, 0)  # let go: it stays
+    assert primitives.evaluate("(root) => root.moving.places") == places
+
+
+def test_time_plays_to_its_end_and_stops(primitives: Locator) -> None:
+    button = primitives.get_by_role("button")
+    button.click()
+    primitives.page.wait_for_function("document.querySelector('section').moving.places.t === 5")
+    primitives.page.wait_for_function(
+        "document.querySelector('button').textContent.includes('Play')"
+    )
 
 
 # The numbers are those of the library -----------------------------------------------------------

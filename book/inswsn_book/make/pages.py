@@ -44,6 +44,8 @@ _MOVES = 'class="moving"'
 _UNSTAGED = re.compile(r"inswsn_book/|_templates/|pyproject\.toml|renamed\.yaml|(.*/)?\.")
 #: In the head of a chapter: for which words a search is to lead to it
 _INDEX = re.compile(r"\A---\n(?:.*\n)*?index: *(.+)\n")
+#: There: which symbols have a colour of their own; see ``book/_static/inswsn.css``
+_SYMBOLS = re.compile(r"\A---\n(?:.*\n)*?symbols: *(.+)\n---\n")
 _HEAD = re.compile(
     r"\*\*You need\*\*\s+(?P<need>.*?)\.\s+\*\*(?:You will learn to.*?)?"
     r"Reading time\*\*\s+(?P<minutes>\d+)\s+minutes?\.",
@@ -254,7 +256,9 @@ def stage_book(project: Project, runs: Sequence[Run], folder: Path) -> list[str]
         for cell in notebook.cells:
             if cell.cell_type == "markdown":
                 cell.source = uses.link("".join(cell.source))
-        words = _INDEX.findall(read_text(chapter.source))
+        source = read_text(chapter.source)
+        notebook.metadata |= {"symbols": found[1]} if (found := _SYMBOLS.match(source)) else {}
+        words = _INDEX.findall(source)
         if chapter.id in order:  # the first lesson that uses a term is where a search leads
             words += [entry for entry in uses.used if entry not in taught]
             taught.update(uses.used)

@@ -160,6 +160,18 @@ def _update(app: Any, env: Any) -> list[str]:
     return sorted(env.found_docs) if changed else []
 
 
+def _colour_symbols(app: Any, page: str, template: str, context: dict[str, Any], tree: Any) -> None:
+    """Mark the symbols that a page names, in its code and for its equations: a colour each."""
+    symbols = str((context.get("meta") or {}).get("symbols", "")).split()
+    for symbol in symbols:
+        plain = f'<span class="n">{symbol}</span>'
+        marked = f'<span class="n symbol-{symbol}">{symbol}</span>'
+        context["body"] = context["body"].replace(plain, marked)
+    if symbols:
+        marks = f'<section data-symbols="{" ".join(symbols)}"'
+        context["body"] = context["body"].replace("<section", marks, 1)
+
+
 def _finish(app: Any, error: Exception | None) -> None:
     if error is None and app.builder.format == "html":
         for problem in finish_site(Path(app.outdir), Path(app.doctreedir, "finished.json")):
@@ -186,5 +198,6 @@ def setup(app: Any) -> dict[str, bool]:
     app.connect("env-get-updated", _number_outlines, priority=100)
     app.connect("env-get-updated", _update, priority=900)
     app.connect("autodoc-skip-member", _skip)
+    app.connect("html-page-context", _colour_symbols)
     app.connect("build-finished", _finish)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from IPython.display import display
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 from matplotlib.text import Annotation
 
 from inswsn_book.show import show_figure
@@ -30,7 +31,8 @@ from inswsn_lib.plotting import STROKES, figure
 #: What takes the name and the content of a figure in place of the notebook, in a page
 _TAKERS: list[Callable[[str, str], None]] = []
 #: How a series may be drawn
-STYLES = ("line", "points", "bars", "band")
+STYLES = ("line", "points", "bars", "band", "circle", "handle")
+_DOTS = {"points": 3, "handle": 7}  # points across, in the still picture
 _HEIGHT = 3.1  # inches, of each chart in the still picture
 _DIGITS = 4  # of what is drawn, over the range of its axis
 _EXPONENT = 1e16  # from where numbers are written with one
@@ -46,13 +48,18 @@ def shown_to(taker: Callable[[str, str], None]) -> None:
 
 @dataclass(frozen=True)
 class Slider:
-    """What a reader moves: its places, each with the words for it, and where it begins."""
+    """What a reader moves: its places, each with the words for it, and where it begins.
+
+    With at most four places it is a row of buttons; one that `plays` has a button to go through
+    its places by itself, as time passes.
+    """
 
     name: str  # of the argument of what depends on it
     label: str
     values: Sequence[Any]
     start: Any  # one of the values
     form: str = "{:g}"  # of a value for the reader
+    plays: bool = False
 
     @property
     def place(self) -> int:
@@ -96,6 +103,7 @@ class Moving:
         self.sliders = {slider.name: slider for slider in sliders}
         self.charts: list[Chart] = []
         self._numbers: list[tuple[str, str, _Table]] = []
+        self._goals: list[tuple[str, _Table]] = []
         self._sentence = _Table((), [title])
         self._methods: set[str] = set()
 
@@ -109,7 +117,9 @@ class Moving:
     ) -> None:
         """Draw a series: x and y, or for a band x, low and high; its label stands at a sample.
 
-        The method gives it its colour and its dashes: one of ``inswsn_lib.plotting.STROKES``.
+        A circle has x, y and its radius, on a chart whose axes are `equal`. A handle is one point,
+        by which a reader drags the sliders that it depends on to the place whose point is nearest.
+        The method gives the colour and the dashes: one of ``inswsn_lib.plotting.STROKES``.
         """
         if style not in STYLES:
             raise ParameterError("style", style, "one of " + ", ".join(STYLES))
@@ -117,9 +127,16 @@ class Moving:
         chart.series.append((method, label, style, at, self._table(what)))
 
     def number(self, method: str, label: str, what: Any) -> None:
-        """Say a number, a text with its unit, beside the sliders."""
+        """Say a number, a text with its unit, beside the sliders.
+
+        It has the key of its method's series if it is the only number of that method.
+        """
         self._take(method)
         self._numbers.append((method, label, self._table(what)))
+
+    def goal(self, text: str, reached: Callable[..., bool]) -> None:
+        """Set the reader a goal; the page says when, and where, it is reached."""
+        self._goals.append((text, self._table(reached)))
 
     def sentence(self, what: Callable[..., str]) -> None:
         """Say what the charts show, in a sentence for those who cannot see them."""
@@ -139,6 +156,12 @@ class Moving:
                 raise ParameterError("slider", name, "one of " + ", ".join(self.sliders))
         places = itertools.product(*(self.sliders[name].values for name in by))
         return _Table(by, [what(*values) for values in places])
+
+    def _key(self, method: str) -> str:
+        """Return the style of the series that a number of a method is of, if it is of one."""
+        styles = [s[2] for chart in self.charts for s in chart.series if s[0] == method]
+        alone = [number[0] for number in self._numbers].count(method) == 1
+        return styles[0] if styles and alone else ""
 
     def _at_start(self, table: _Table) -> Any:
         index = 0
@@ -161,8 +184,11 @@ class Moving:
                     ax.fill_between(x, *y, color=stroke.colour, alpha=0.2, linewidth=0)
                 elif style == "bars":
                     ax.bar(x, y[0], color=stroke.colour, width=0.8 * np.diff(x).min())
+                elif style == "circle":
+                    for along, up, radius in zip(x, *y, strict=True):
+                        ax.add_patch(Circle((along, up), radius, fill=False, color=stroke.colour))
                 else:
-                    dots = {"ls": "", "marker": "o", "ms": 3} if style == "points" else {}
+                    dots = {"ls": "", "marker": "o", "ms": _DOTS[style]} if style in _DOTS else {}
                     dashes = (0, stroke.dashes) if stroke.dashes else "-"
                     ax.plot(x, y[0], **({"color": stroke.colour, "ls": dashes} | dots))
                 if label:
@@ -184,21 +210,30 @@ class Moving:
         return {
             "title": self.title,
             "sliders": [
-                {"name": s.name, "label": s.label, "start": s.place,
+                {"name": s.name, "label": s.label, "start": s.place, "plays": s.plays,
                  "texts": [s.form.format(value) for value in s.values]}
                 for s in self.sliders.values()
             ],
             "strokes": {name: [*STROKES[name]] for name in sorted(self._methods)},
             "charts": [_chart(chart) for chart in self.charts],
             "numbers": [
-                {"method": method, "label": label, "by": t.by, "values": t.values}
+                {"method": method, "label": label, "key": self._key(method), "by": t.by,
+                 "values": t.values}
                 for method, label, t in self._numbers
+            ],
+            "goals": [
+                {"text": text, "by": t.by, "values": [bool(value) for value in t.values]}
+                for text, t in self._goals
             ],
             "sentence": {"by": self._sentence.by, "values": self._sentence.values},
         }  # fmt: skip
 
-    def show(self, *, name: str, caption: str, alt: str) -> None:
-        """Show it, with the still picture that it stands in for, as the last thing of a cell."""
+    def show(self, *, name: str, caption: str, alt: str = "") -> None:
+        """Show it, with the still picture that it stands in for, as the last thing of a cell.
+
+        Without an alternative text of its own, the picture has the title and the sentence.
+        """
+        alt = alt or f"{self.title}. {self._at_start(self._sentence)}"
         text = json.dumps(_packed(self.content()), allow_nan=False, separators=(",", ":"))
         for take in _TAKERS:
             take(name, text)
@@ -239,6 +274,8 @@ def _packed(content: dict[str, Any]) -> dict[str, Any]:
         x, y = chart["x"]["ends"], chart["y"]["ends"]
         for series in chart["series"]:
             before, packed = None, []
+            if series["style"] == "circle":  # a radius is no place on an axis
+                continue
             for along, *others in series["values"]:
                 packed.append([None if along == before else _text(along, *x)])
                 packed[-1] += [_text(values, *y) for values in others]

@@ -156,3 +156,13 @@ def test_binder_has_the_locked_environment_and_its_python(root: Path, tmp_path: 
         "make environment PYTHON=/srv/notebook/bin/python",
         "python -m ipykernel install --prefix /srv/notebook --name python3",
     ]
+
+
+def test_symbols_that_a_page_names_are_marked_in_its_code() -> None:
+    body = '<section id="a"><span class="n">K</span> <span class="n">Kit</span></section>'
+    for meta, marked in (({}, False), ({"symbols": "K nu"}, True)):
+        context = {"meta": meta, "body": body}
+        sphinx_ext._colour_symbols(None, "", "", context, None)
+        assert ('<section data-symbols="K nu" id="a">' in context["body"]) is marked
+        assert ('<span class="n symbol-K">K</span>' in context["body"]) is marked
+        assert '<span class="n">Kit</span>' in context["body"]

@@ -62,8 +62,8 @@
   /** Give a figure that moves another content, where its sliders stand. */
   function redraw(name, text) {
     const root = document.getElementById(`${name}-moving`);
-    if (!root) return;
-    const places = Object.fromEntries([...root.querySelectorAll("input")].map((field) => [field.dataset.name, Number(field.value)]));
+    if (!root?.moving) return;
+    const { places } = root.moving;
     const content = JSON.parse(text);
     for (const slider of content.sliders) {
       if (places[slider.name] < slider.texts.length) slider.start = places[slider.name];
