@@ -146,8 +146,8 @@ def show_drive(drive: Drive, told: FilterSettings, known: VehicleRun) -> dict[st
     for part, chart in enumerate(_along_and_across(shown, 100)):
         draw(part, chart)
     shown.number("truth", "the road turns by", lambda k: f"{bends[2 * starts.index(k)]:.0f}°")
-    shown.number("ins", "INS alone: along, across", lambda k: ends("none", k))
-    shown.number("kalman", "aided: along, across", lambda k, a: ends(a, k))
+    shown.number("computed", "INS alone: along, across", lambda k: ends("none", k))
+    shown.number("computed", "aided: along, across", lambda k, a: ends(a, k))
     shown.sentence(
         lambda k, a: (
             f"Satellites lost at {k} s, on a road that turns by {bends[2 * starts.index(k)]:.0f} "
@@ -205,7 +205,7 @@ def show_wrong_start(navigate: Navigate) -> None:
     chart = shown.chart("Error of the INS", y="error (m)", ylim=(0, 25), **time)
     shown.draw(chart, "ins", "INS", lambda w, s: (t, off(w, s)), at=34)
     shown.draw(chart, "published", "formula", formula, at=26)
-    shown.number("", "wrong", lambda w, s: f"{w} {size(w, s)}")
+    shown.number("computed", "wrong", lambda w, s: f"{w} {size(w, s)}")
     shown.number("published", "formula", lambda w: wrong[w][3])
     shown.number("ins", "after 40 s", lambda w, s: f"{off(w, s)[-1]:.1f} m")
     shown.sentence(
@@ -288,7 +288,7 @@ def show_bands(drive: Drive, known: VehicleRun, outage: Outage, starts: Mapping[
 
     for part, chart in enumerate(_along_and_across(shown, 80)):
         draw(part, chart)
-    shown.number("", "band: along, across", ends)
+    shown.number("computed", "band: along, across", ends)
     shown.sentence(
         lambda place, a: (
             f"Road: {place}; aids: {a}. After {LENGTH} s, the bands along the road and across it "
@@ -319,7 +319,7 @@ def show_turns(drive: Drive, by_aids: Mapping[str, Parts]) -> None:
         straight, other = far[bends < STRAIGHT].mean(), far[bends >= STRAIGHT].mean()
         return f"{straight:.0%} on straight roads, {other:.0%} on others"
 
-    shown.number("", f"lost: above {LOST} m", lost)
+    shown.number("computed", f"lost: above {LOST} m", lost)
     shown.sentence(lambda a: f"With aids ({a}), above {LOST} m after 40 s: {lost(a)}.")
     shown.show(
         name="fig-l6-turns",
@@ -356,8 +356,8 @@ def show_learning(drive: Drive, trials: OutageTrials) -> Array:
         (m, k): f"{rms(trials.errors[m][1 : LENGTH + 1, i]):.1f} m"
         for m in ("through", "lssvm") for i, k in enumerate(starts)
     }  # fmt: skip
-    shown.number("", "aided: RMS", lambda k: off["through", k])
-    shown.number("", "aided, learned: RMS", lambda k: off["lssvm", k])
+    shown.number("computed", "aided: RMS", lambda k: off["through", k])
+    shown.number("computed", "aided, learned: RMS", lambda k: off["lssvm", k])
     shown.sentence(
         lambda k: (
             f"Satellites lost at {k} s: the root mean square error over 40 s is "

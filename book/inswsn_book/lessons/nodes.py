@@ -114,9 +114,9 @@ def show_band(run: ExampleRun, fixes: Array) -> None:
     def consistency(n: int, f: float) -> str:
         return f"{square(n, f):.1f} (fits: {fits[n][0]:.1f} to {fits[n][1]:.1f})"
 
-    shown.number("", "inside it, both axes", inside)
-    shown.number("", "mean NEES", consistency)
-    shown.number("", "verdict", verdict)
+    shown.number("computed", "inside it, both axes", inside)
+    shown.number("computed", "mean NEES", consistency)
+    shown.number("computed", "verdict", verdict)
     shown.goal(
         f"the claim of {numbers[-1]} clusters fits",
         lambda n, f: n == numbers[-1] and verdict(n, f) == "fits",
@@ -178,7 +178,7 @@ def show_cloud(*, start: float = 0.1, points: int = 250) -> None:
 
     shown.draw(chart, "independent", "if independent", lambda q: shape(q, 0), at=63)
     shown.draw(chart, "correlated", "by the formula", lambda q: shape(q, 1), at=9)
-    shown.number("", "gain K", lambda q: f"{settled(q)[0]:.2f}")
+    shown.number("computed", "gain K", lambda q: f"{settled(q)[0]:.2f}")
     shown.number("correlated", "correlation", lambda q: f"{settled(q)[2] / settled(q)[1]:.2f}")
     shown.number("truth", "of these points", lambda q: f"{np.corrcoef(*errors(q))[0, 1]:.2f}")
     shown.sentence(
@@ -298,10 +298,10 @@ def show_factor(*, drift: float = 0.1) -> None:
     shown.draw(chart, "independent", "", below, style="band")
     shown.draw(chart, "truth", "", lambda f, n, r: ([f, f], found(f, n, r)))
     least = {n: settled(drift, 1 / n)[1] ** 0.5 for n in counts}
-    shown.number("", "the claim is", verdict)
+    shown.number("computed", "the claim is", verdict)
     shown.number("independent", "claimed", lambda f, n, r: f"{found(f, n, r)[0]:.3f}")
     shown.number("federated", "true", lambda f, n, r: f"{found(f, n, r)[1]:.3f}")
-    shown.number("", "one filter, all fixes", lambda n: f"{least[n]:.3f}")
+    shown.number("computed", "one filter, all fixes", lambda n: f"{least[n]:.3f}")
     shown.goal("the claim is right", lambda f, n, r: verdict(f, n, r) == "right")
     shown.sentence(
         lambda f, n, r: (
@@ -347,9 +347,9 @@ def show_weights() -> None:
     shown.draw(
         chart, "correlated", "", lambda r, s: line(np.array([best(r, s)]), r, s), style="points"
     )
-    shown.number("", "if independent, weight of A", lambda s: f"{best(0, s):.2f}")
+    shown.number("computed", "if independent, weight of A", lambda s: f"{best(0, s):.2f}")
     claims = cache(lambda r, s: f"{size(best(0, s), 0, s):.2f}, {size(best(0, s), r, s):.2f}")
-    shown.number("", "its error: claimed, true", claims)
+    shown.number("computed", "its error: claimed, true", claims)
     found = cache(lambda r, s: f"{best(r, s):.2f}, {size(best(r, s), r, s):.2f}")
     shown.number("correlated", "best weight of A, its error", found)
     shown.goal("B is subtracted", lambda r, s: best(r, s) > 1)
@@ -433,8 +433,8 @@ def show_reductions(
     def words(f: float, d: float, part: slice) -> str:
         return " and ".join(f"{value:.0f} %".replace("-", "−") for value in less(f, d)[part])
 
-    shown.number("", "position, x and y", lambda f, d: words(f, d, slice(0, 2)))
-    shown.number("", "velocity, x and y", lambda f, d: words(f, d, slice(2, 4)))
+    shown.number("computed", "position, x and y", lambda f, d: words(f, d, slice(0, 2)))
+    shown.number("computed", "velocity, x and y", lambda f, d: words(f, d, slice(2, 4)))
     shown.sentence(
         lambda f, d: (
             f"With {f:g} m/s² in the federated and {d:g} m/s² in the distributed filter, the "

@@ -107,7 +107,7 @@ def show_turn(drives: Mapping[float, Passage]) -> None:
     shown.draw(chart, "ins", "INS", lambda b, share: (since, distances(left(b, share))))
     mean = cache(lambda b, share: f"{off(left(b, share)):.1f} m")
     shown.number("truth", "the road turns by", lambda b: f"{bends[b]:.0f}°")
-    shown.number("", "mean error of the INS", mean)
+    shown.number("computed", "mean error of the INS", mean)
     shown.goal(
         "lost at 18 s or later, the mean error is below 2 m",
         lambda b, share: b >= 18 and off(left(b, share)) < 2,
@@ -151,8 +151,8 @@ def show_kernels(machine: Machine) -> None:
         shown.draw(alike, "network", "", _bell(x, float(at)))
     missed = {key: float(abs(answer(U) - Y).mean()) for key, answer in found.items()}
     ahead = {key: float(answer(np.array([[8.0]]))[0, 0]) for key, answer in found.items()}
-    shown.number("", "mean error at the samples", lambda s, n: f"{missed[s, n]:.3f}")
-    shown.number("", "answer at u = 8", lambda s, n: f"{ahead[s, n]:.2f}")
+    shown.number("computed", "mean error at the samples", lambda s, n: f"{missed[s, n]:.3f}")
+    shown.number("computed", "answer at u = 8", lambda s, n: f"{ahead[s, n]:.2f}")
     shown.sentence(lambda s, n: (
         f"With the width {s:g} and the regularisation {n:,.0f}, the mean error at the samples "
         f"is {missed[s, n]:.3f} and the answer at u = 8 is {ahead[s, n]:.2f}; the mean of the "
