@@ -14,7 +14,6 @@ from inswsn_book import record as book
 from inswsn_book.evidence.outage_cells import rebuild_outages, rebuild_recorded
 from inswsn_book.lessons.nodes import ellipse
 from inswsn_book.show.moving import Chart, Moving, Slider
-from inswsn_lib.evaluation import Finding
 from inswsn_lib.inertial import metres
 from inswsn_lib.navigation import (
     OutageTrials,
@@ -112,7 +111,7 @@ def show_drive(drive: Drive, told: FilterSettings, known: VehicleRun) -> dict[st
     shown = Moving(
         "Forty seconds without satellites",
         Slider("k", "satellites lost at", starts, 220, "{:d} s", plays=True),
-        Slider("a", "aids", [*AIDS], "compass", "{}"),
+        Slider("a", "aids", [*AIDS], "constraint", "{}"),
     )
     middle, span = (road.max(axis=0) + road.min(axis=0)) / 2, np.ptp(road, axis=0) / 2 + 0.2
     span[0] = max(span[0], 1.7 * span[1])  # wider than high, or a phone has no room for it
@@ -134,7 +133,10 @@ def show_drive(drive: Drive, told: FilterSettings, known: VehicleRun) -> dict[st
     shown.draw(drawn, "ins", "outage", lambda k: road[[k + LENGTH // 2]].T, style="handle")
 
     def at(a: str, k: int, part: int) -> Array:
-        return np.asarray(by_aids[a][part][:, 2 * starts.index(k)])
+        return np.asarray(by_aids[a][part][:, list(STARTS).index(k)])
+
+    def bend(k: int) -> str:
+        return f"{bends[list(STARTS).index(k)]:.0f}°"
 
     def draw(part: int, chart: Chart) -> None:
         shown.draw(chart, "ins", "INS alone", lambda k: (t, at("none", k, part)[t]))
@@ -145,14 +147,13 @@ def show_drive(drive: Drive, told: FilterSettings, known: VehicleRun) -> dict[st
 
     for part, chart in enumerate(_along_and_across(shown, 100)):
         draw(part, chart)
-    shown.number("truth", "the road turns by", lambda k: f"{bends[2 * starts.index(k)]:.0f}°")
+    shown.number("truth", "the road turns by", bend)
     shown.number("computed", "INS alone: along, across", lambda k: ends("none", k))
     shown.number("computed", "aided: along, across", lambda k, a: ends(a, k))
     shown.sentence(
         lambda k, a: (
-            f"Satellites lost at {k} s, on a road that turns by {bends[2 * starts.index(k)]:.0f} "
-            f"degrees. Errors along and across the road after {LENGTH} s: INS alone "
-            f"{ends('none', k)}; with aids ({a}) {ends(a, k)}."
+            f"Satellites lost at {k} s, on a road that turns by {bend(k)}. Errors along and across "
+            f"it after {LENGTH} s: INS alone {ends('none', k)}; with aids ({a}) {ends(a, k)}."
         )
     )
     shown.show(
@@ -380,7 +381,7 @@ def show_recorded(trials: RecordedTrials) -> tuple[dict[str, tuple[Array, Array]
     """
     starts, t = [int(k) for k in trials.starts], np.arange(0, 51)
     methods = {"never": ("ins", "INS alone"), "through": ("kalman", "aided")}
-    methods["lssvm"] = "lssvm", "aided, learned"
+    methods |= {"lssvm": ("lssvm", "aided, learned")}
     found, bends = {}, []
     for i, k in enumerate(starts):
         path = trials.reference[k : k + 51]
@@ -393,25 +394,20 @@ def show_recorded(trials: RecordedTrials) -> tuple[dict[str, tuple[Array, Array]
             found[m, k] = along_across(trials.tracks[m][:, :, i] - path, heading[held])
     shown = Moving("A recorded drive", Slider("k", "satellites lost at", starts, 120, "{:d} s"))
     off = {(m, k): f"{rms(np.hypot(*found[m, k])[1 : LENGTH + 1]):.1f} m" for m, k in found}
-    charts = _along_and_across(shown, 60)
 
-    def part_of(m: str, part: int) -> Callable[[int], tuple[Integers, Array]]:
-        return lambda k: (t[: LENGTH + 1], found[m, k][part][: LENGTH + 1])
+    def draw(m: str, stroke: str, label: str, part: int, chart: Chart) -> None:
+        curves = {k: (t[: LENGTH + 1], found[m, k][part][: LENGTH + 1]) for k in starts}
+        shown.draw(chart, stroke, label, lambda k: curves[k])
+        if part == 0:
+            shown.number(stroke, label, lambda k: off[m, k])
 
-    def draw(m: str, stroke: str, label: str) -> None:
-        for part, chart in enumerate(charts):
-            shown.draw(chart, stroke, label, part_of(m, part))
-        shown.number(stroke, label, lambda k: off[m, k])
-
-    for m, (stroke, label) in methods.items():
-        draw(m, stroke, label)
+    for part, chart in enumerate(_along_and_across(shown, 60)):
+        for m, (stroke, label) in methods.items():
+            draw(m, stroke, label, part, chart)
     shown.sentence(
-        lambda k: (
-            f"Satellites lost at {k} s: the root mean square error over 40 s is {off['never', k]} "
-            f"for the INS alone, {off['through', k]} with aids, and {off['lssvm', k]} with the "
-            "learned correction."
-        )
-    )
+        lambda k: f"Satellites lost at {k} s: the root mean square error over 40 s is "
+        + ", ".join(f"{off[m, k]} ({label})" for m, (_, label) in methods.items()) + "."
+    )  # fmt: skip
     shown.show(
         name="fig-l6-recorded",
         caption="The accelerometer and gyro data are recorded, and so is the path; fixes and "
@@ -515,14 +511,11 @@ def show_outages(
         other = re.sub(r"\.place\d", "", name).replace("seven", "all")
         return Cell(label, said(path), f"sim.{name}", equal, f"recorded.cells.{other}")
 
-    def compute() -> dict[str, Finding]:
-        errors = many.errors_of(("never", "through", "lssvm", "rbf"))
-        return rebuild_outages(errors) | rebuild_recorded(recorded)
-
+    methods = "never", "through", "lssvm", "rbf"
     show_printed(
         record, "p3-vehicle",
         [cell(path, *words) for path, words in _PRINTED.items()],
-        compute,
+        lambda: rebuild_outages(many.errors_of(methods)) | rebuild_recorded(recorded),
         by=("seed", "lateral", "slip", "compass_bias", "tau", "window"),
         name="tbl-l6-p3",
         caption="Errors in P3's outages, and by how much the proposed method reduces those of KF; "
@@ -534,9 +527,7 @@ def show_outages(
     )  # fmt: skip
 
 
-def read_p3(
-    parameters: dict[str, int | float],
-) -> tuple[book.ChapterRecord, RecordedTrials, Any]:
+def read_p3(parameters: dict[str, float]) -> tuple[book.ChapterRecord, RecordedTrials, Any]:
     """Return the record of the lesson, what is kept of the recorded drive, and P3's numbers."""
     record = book.ChapterRecord("lesson-6", {**parameters})
     record.data("scenarios/p3.yaml")

@@ -112,11 +112,10 @@ def show_band(run: ExampleRun, fixes: Array) -> None:
         return f"{np.mean(abs(off(n, f)) < band(n, f)[:, None]):.0%} of the time"
 
     def consistency(n: int, f: float) -> str:
-        return f"{square(n, f):.1f} (fits: {fits[n][0]:.1f} to {fits[n][1]:.1f})"
+        return f"{square(n, f):.1f}, {verdict(n, f)} ({fits[n][0]:.1f} to {fits[n][1]:.1f})"
 
     shown.number("computed", "inside it, both axes", inside)
     shown.number("computed", "mean NEES", consistency)
-    shown.number("computed", "verdict", verdict)
     shown.goal(
         f"the claim of {numbers[-1]} clusters fits",
         lambda n, f: n == numbers[-1] and verdict(n, f) == "fits",
@@ -124,7 +123,7 @@ def show_band(run: ExampleRun, fixes: Array) -> None:
     shown.sentence(
         lambda n, f: (
             f"With {_count(n)} and {f:g} times Q, the fused velocity is inside its band "
-            f"{inside(n, f)}; the mean NEES is {square(n, f):.1f} ({verdict(n, f)})."
+            f"{inside(n, f)}; the mean NEES is {consistency(n, f)}."
         )
     )
     shown.show(
@@ -321,7 +320,7 @@ def show_weights() -> None:
     shown = Moving(
         "Weights for correlated errors",
         Slider("r", "correlation", [round(0.1 * k, 1) for k in range(9)], 0.5, "{:g}"),
-        Slider("s", "error of B", [1.0, 1.25, 1.5, 2.0], 1.5, "{:g} × that of A"),
+        Slider("s", "error of B over that of A", [1.0, 1.25, 1.5, 2.0], 1.5, "{:g}"),
     )
     joint = shown.chart(
         "Joint error", x="error of A", y="error of B", xlim=(-3, 3), ylim=(-2, 2), equal=True
@@ -484,9 +483,7 @@ def show_percentages(record: book.ChapterRecord, printed: Any, fusion: ClusterFu
     )  # fmt: skip
 
 
-def read_p2(
-    parameters: dict[str, int | float],
-) -> tuple[book.ChapterRecord, Any, dict[str, Setting]]:
+def read_p2(parameters: dict[str, float]) -> tuple[book.ChapterRecord, Any, dict[str, Setting]]:
     """Return the record of the lesson, and the numbers and the scene of P2."""
     record = book.ChapterRecord("lesson-5", {**parameters})
     for name in ("p1", "p1-inertial"):

@@ -26,8 +26,6 @@ Machine = Callable[[Array, Array, float, float], Answer]
 Bridge = Callable[[Array, Array, float, float], Array]
 #: A filter by hand: measurements, with NaN where there are none, in, estimates out
 Filter = Callable[[Array], Array]
-#: The columns that name the rows of P1's tables, by their numbers
-_INDEX = {1: "no", 3: "method"}
 #: The columns of Table 1 by what P1 calls them: the name in findings, and for a reader
 _TABLE1 = {
     "drx": ("rx", "$r_x$"),
@@ -295,10 +293,7 @@ def show_rivals(
         "Distance from the true position", x="time since the loss (s)", y="error (m)",
         xlim=(0, 10), ylim=(0, 40),
     )  # fmt: skip
-    labels = {
-        "ins": "INS alone", "network": "last fix held", "kalman": "Kalman, coasting",
-        "lssvm": "LS-SVM, rehearsed",
-    }  # fmt: skip
+    labels = dict(zip(found, ("INS alone", "last fix held", "Kalman", "LS-SVM"), strict=True))
 
     def first(n: int) -> slice:
         return slice(round(n / float(t[1])))
@@ -307,26 +302,20 @@ def show_rivals(
         return float(found[method][b][first(n)].mean())
 
     def add(method: str, label: str) -> None:
-        of, short = found[method], label.partition(",")[0]
-        shown.draw(chart, method, short, lambda b, n: (since[first(n)], of[b][first(n)]))
+        of = found[method]
+        shown.draw(chart, method, label, lambda b, n: (since[first(n)], of[b][first(n)]))
         shown.number(method, label, lambda b, n: f"{mean(method, b, n):.1f} m")
 
     for method, label in labels.items():
         add(method, label)
-
-    def say(b: float, n: int) -> str:
-        means = {method: mean(method, b, n) for method in found}
-        return (
-            f"If the network is lost at {b:g} s for {n} s, the mean error of the INS alone is "
-            f"{means['ins']:.1f} m, of the last fix held {means['network']:.1f} m, of the Kalman "
-            f"filter {means['kalman']:.1f} m, and of the LS-SVM {means['lssvm']:.1f} m."
-        )
-
-    shown.sentence(say)
+    shown.sentence(lambda b, n: (
+        f"If the network is lost at {b:g} s for {n} s, the mean error is "
+        + ", ".join(f"{mean(m, b, n):.1f} m ({label})" for m, label in labels.items()) + "."
+    ))  # fmt: skip
     shown.show(
         name="fig-l4-rivals",
-        caption="Move the outage to a time before the turn, then into the turn. The LS-SVM is "
-        "rehearsed again for each outage.",
+        caption="The Kalman filter has four states and coasts. The LS-SVM is rehearsed again for "
+        "each outage.",
     )
     return mean
 
@@ -403,8 +392,8 @@ def hold(
     u, half, (along, across) = np.asarray(drive.inputs[chosen[0]]), heard // 2, squares[:2]
     best = off(error[heard:] - bridge(u, y, *chosen[1:]))
     rehearsed = off(bridge(u[:heard], y[:half], *chosen[1:]) - y[half:])
-    for name, value in (("off.rehearsed", best), ("rehearsed", rehearsed)):
-        record.note(name, value, "m", "Mean distance, LS-SVM.")
+    record.note("off.rehearsed", best, "m", "Mean distance, LS-SVM.")
+    record.note("rehearsed", rehearsed, "m", "Mean distance, LS-SVM, in the rehearsal.")
     record.note("straight", straight, "m", "Kalman filter, no error of the heading.")
     taken = 100 * along / (along + 1000)
     for name, value in (("along", along), ("across", across), ("taken", taken)):
@@ -433,7 +422,8 @@ def show_tables(record: ChapterRecord, outages: BridgedOutages) -> None:
     from inswsn_book.evidence import outage_tables as core  # noqa: PLC0415
     from inswsn_book.lessons.printed import Cell, show_printed  # noqa: PLC0415
 
-    printed = {n: read_rows(record.data(f"papers/p1-table{n}.csv"), i) for n, i in _INDEX.items()}
+    index = {1: "no", 3: "method"}  # the columns that name the rows
+    printed = {n: read_rows(record.data(f"papers/p1-table{n}.csv"), i) for n, i in index.items()}
     equal = {name: slug for slug, name in core.EQUAL.items()}
     slugs = {name: slug for slug, name in core.METHODS.items()}
 
