@@ -107,10 +107,10 @@ def show_drive(drive: Drive, told: FilterSettings, known: VehicleRun) -> dict[st
     off = {aids: np.hypot(*(part[-1] for part in both)) for aids, both in by_aids.items()}
     origin, bends = drive.reference.position[0], turned(drive)
     road = ((drive.reference.position - origin) * metres(origin))[:, [1, 0]] / 1000
-    starts, t = [int(k) for k in STARTS[::2]], np.arange(0, LENGTH + 1, 2)
+    order, t = STARTS.tolist(), np.arange(0, LENGTH + 1, 2)
     shown = Moving(
         "Forty seconds without satellites",
-        Slider("k", "satellites lost at", starts, 220, "{:d} s", plays=True),
+        Slider("k", "satellites lost at", order[::2], 220, "{:d} s", plays=True),
         Slider("a", "aids", [*AIDS], "constraint", "{}"),
     )
     middle, span = (road.max(axis=0) + road.min(axis=0)) / 2, np.ptp(road, axis=0) / 2 + 0.2
@@ -133,10 +133,10 @@ def show_drive(drive: Drive, told: FilterSettings, known: VehicleRun) -> dict[st
     shown.draw(drawn, "ins", "outage", lambda k: road[[k + LENGTH // 2]].T, style="handle")
 
     def at(a: str, k: int, part: int) -> Array:
-        return np.asarray(by_aids[a][part][:, list(STARTS).index(k)])
+        return np.asarray(by_aids[a][part][:, order.index(k)])
 
     def bend(k: int) -> str:
-        return f"{bends[list(STARTS).index(k)]:.0f}°"
+        return f"{bends[order.index(k)]:.0f}°"
 
     def draw(part: int, chart: Chart) -> None:
         shown.draw(chart, "ins", "INS alone", lambda k: (t, at("none", k, part)[t]))
