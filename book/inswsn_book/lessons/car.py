@@ -194,7 +194,7 @@ def show_wrong_start(navigate: Navigate) -> None:
         return wrong[w][1].format(s * wrong[w][0])
 
     shown = Moving(
-        "A wrong start",
+        "What is wrong at the start",
         Slider("w", "wrong at the start", [*wrong], "tilt", "{}"),
         Slider("s", "size", [*range(6)], 5, "{:d} of 5"),
     )
@@ -210,7 +210,7 @@ def show_wrong_start(navigate: Navigate) -> None:
     shown.number("published", "formula", lambda w: wrong[w][3])
     shown.number("ins", "after 40 s", lambda w, s: f"{off(w, s)[-1]:.1f} m")
     shown.sentence(
-        lambda w, s: f"A {w} of {size(w, s)} makes {off(w, s)[-1]:.1f} m after {LENGTH} s."
+        lambda w, s: f"A {w} of {size(w, s)} makes an error of {off(w, s)[-1]:.1f} m in {LENGTH} s."
     )
     shown.show(
         name="fig-l6-wrong",
