@@ -196,7 +196,11 @@ class VehicleHybrid:
         if not self.motion and not self.timed:
             raise ParameterError("timed", self.timed, "True if motion is no input")
         for machine in (self.regressor, *self.rivals):
-            if not all(hasattr(machine, name) for name in ("fit", "predict", "get_params")):
+            try:
+                fits = hasattr(clone(machine), "predict")
+            except TypeError:  # it has no parameters to be had
+                fits = False
+            if not fits:
                 raise ParameterError("regressor", machine, "a scikit-learn regressor")
 
     @property

@@ -10,13 +10,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline, CubicSpline
+from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_banded
 
 from inswsn_lib.checks import Array
 from inswsn_lib.inertial.earth import ECCENTRICITY, RATE, normal_gravity, radii
 
 _MOST, _CLOSE = 20, 1e-12  # solutions, and rad/s from one to the next
+_HALVINGS = 50  # of an error of 1 rad/s, to below rounding
 
 
 def ideal_sensors(
@@ -64,10 +65,13 @@ def ideal_sensors(
     pull = (frame @ pull[:, :, None])[..., 0]
 
     steps = np.diff(time)
-    acceleration = CubicHermiteSpline(time, r, moved).derivative().derivative()
+    # the acceleration of the cubic through positions and velocities: it is linear in a step
+    each = steps[:, None]
+    slope = np.diff(r, axis=0) / each
+    bent = (moved[:-1] + moved[1:] - 2 * slope) / each
     to_body = np.swapaxes(axes[:-1], 1, 2)
-    force = to_body @ (acceleration.c[1] - pull[:-1])[:, :, None]
-    change = to_body @ (acceleration.c[0] - np.diff(pull, axis=0) / steps[:, None])[:, :, None]
+    force = to_body @ (2 * ((slope - moved[:-1]) / each - bent) - pull[:-1])[:, :, None]
+    change = to_body @ (6 * (bent / each) - np.diff(pull, axis=0) / each)[:, :, None]
     rotation = _rotation_spline(to_body @ axes[1:], steps)
     sensed = _integrals(steps, *rotation, force[..., 0].T.copy(), change[..., 0].T.copy())
     # a sample before the start, at rest
@@ -132,16 +136,26 @@ def _cross(a: Array, b: Array) -> Array:
 def _places(time: Array, start: Array, velocity: Array) -> Array:
     """Integrate the velocity on the ellipsoid, degrees and m, (steps, 3)."""
     north, east, down = velocity.T
-    height = start[2] + CubicSpline(time, -down).antiderivative()(time)
+    height = start[2] + _integral(time, -down)
     first = latitude = np.deg2rad(start[0]) + 0.0 * height
     for _ in range(3):
         meridian, _ = _radii(latitude, height)
         before = latitude
-        latitude = first + CubicSpline(time, north / meridian).antiderivative()(time)
+        latitude = first + _integral(time, north / meridian)
         if np.all(np.abs((before - latitude) * meridian) < 0.01):
             break
-    turned = CubicSpline(time, east / _radii(latitude, height)[1]).antiderivative()(time)
+    turned = _integral(time, east / _radii(latitude, height)[1])
     return np.column_stack([np.rad2deg(latitude), start[1] + np.rad2deg(turned), height])
+
+
+def _integral(time: Array, values: Array) -> Array:
+    """Return the integral of a cubic spline through values up to each time."""
+    try:
+        return np.asarray(CubicSpline(time, values).antiderivative()(time))
+    except ModuleNotFoundError:  # a page of the book has numpy alone: slopes by differences
+        steps, bent = np.diff(time), np.diff(np.gradient(values, time))
+        parts = steps * (values[:-1] + values[1:]) / 2 - steps**2 * bent / 12
+        return np.concatenate([[0.0], np.cumsum(parts)])
 
 
 def _radii(latitude: Array, height: Array) -> tuple[Array, Array]:
@@ -207,7 +221,7 @@ def _rotation_spline(turns: Array, steps: Array) -> tuple[Array, Array, Array]:
         right -= near * back[:, :-1] + far * (slopes - ends)[:, 1:]
         right[:, 0] -= near[0] * first[:, 0]
         right[:, -1] -= far[-1] * ends[:, -1]
-        found = solve_banded((1, 1), bands, right.T).T
+        found = _solved(bands, right, ends[:, :-1])
         moved = np.abs(found - ends[:, :-1]) > _CLOSE * (1 + np.abs(found))
         ends[:, :-1] = found
         if not moved.any():
@@ -216,3 +230,17 @@ def _rotation_spline(turns: Array, steps: Array) -> tuple[Array, Array, Array]:
     b = (3 * r / steps - 2 * begins - slopes) / steps
     c = (begins + slopes - 2 * r / steps) / steps**2
     return begins, b, c
+
+
+def _solved(bands: Array, right: Array, near: Array) -> Array:
+    """Solve systems of three bands, as `solve_banded` has them; right sides (3, steps)."""
+    try:
+        return np.asarray(solve_banded((1, 1), bands, right.T).T)
+    except ModuleNotFoundError:  # by Jacobi: each turn halves the error at least
+        found = near
+        for _ in range(_HALVINGS):
+            rest = right.copy()
+            rest[:, :-1] -= bands[0, 1:] * found[:, 1:]
+            rest[:, 1:] -= bands[2, :-1] * found[:, :-1]
+            found = rest / bands[1]
+        return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import accumulate
 
 import numpy as np
 from scipy.signal import lfilter
@@ -281,7 +282,11 @@ def gauss_markov(normal: Array, deviation: float, correlation_time: float, perio
     kept = np.exp(-period / correlation_time) if correlation_time > 0 else 0.0
     driven = deviation * np.sqrt(1 - kept**2) * normal
     driven[..., 0] = deviation * normal[..., 0]
-    return np.asarray(lfilter([1.0], [1.0, -kept], driven))
+    try:
+        return np.asarray(lfilter([1.0], [1.0, -kept], driven))
+    except ModuleNotFoundError:  # a page of the book has numpy alone: the same, slowly
+        rows = (accumulate(row, lambda x, w: kept * x + w) for row in driven.tolist())
+        return np.array([[*row] for row in rows])
 
 
 def _velocity(motion: Kinematics) -> Array:

@@ -13,6 +13,7 @@ from inswsn_lib.checks import Array, Mask, whole
 from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.inertial.earth import TURN, metres
 from inswsn_lib.inertial.error_state import Solution, Start
+from inswsn_lib.inertial.mechanization import turned
 from inswsn_lib.inertial.runs import AFTER, AT_ONCE, BESIDE, run_table
 from inswsn_lib.inertial.smoothing import smooth, smooth_with_lag
 from inswsn_lib.inertial.strapdown import InertialState
@@ -301,8 +302,7 @@ def align(drive: Drive, settings: FilterSettings) -> VehicleState:
     return VehicleState(
         position=position.copy(),
         velocity=velocity,
-        attitude=TURN
-        @ Rotation.from_euler("ZYX", np.stack([heading, pitch, roll], -1)).as_matrix(),
+        attitude=_body(heading, pitch, roll),
         accelerometer_bias=zero,
         gyro_drift=zero,
         error=np.zeros((runs, settings.states)),
@@ -336,10 +336,17 @@ def _levelled(drive: Drive, heading: Array, pushed: Array) -> tuple[Array, Array
     middle = heading + drive.rotation_increments[:count, 2].sum(axis=0) / 2
     pitch, roll = np.zeros((2, drive.runs))
     for _ in range(_PASSES if pushed.any() else 1):
-        body = TURN @ Rotation.from_euler("ZYX", np.stack([middle, pitch, roll], -1)).as_matrix()
-        x, y, z = -(force - drive.period * np.einsum("rij,ri->rj", body, pushed)).T
+        felt = np.einsum("rij,ri->rj", _body(middle, pitch, roll), pushed)
+        x, y, z = -(force - drive.period * felt).T
         roll, pitch = np.arctan2(y, z), np.arctan2(-x, np.hypot(y, z))
     return pitch, roll
+
+
+def _body(heading: Array, pitch: Array, roll: Array) -> Array:
+    """Return the attitude, (runs, 3, 3), of a body that yaws, then pitches, then rolls."""
+    about = np.stack([heading, pitch, roll])[..., None] * np.eye(3)[::-1, None]
+    yaws, pitches, rolls = turned(about)
+    return np.asarray(TURN @ yaws @ pitches @ rolls)
 
 
 def _advance(

@@ -14,9 +14,9 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from inswsn_lib.checks import Array
+from inswsn_lib.inertial.mechanization import turned
 
 #: How many states P3 has
 STATES = 15
@@ -73,14 +73,13 @@ class VehicleState:
         The error of P3's fifteen states is then zero; extra states and the covariance stay.
         """
         x = self.error
-        turns = Rotation.from_rotvec(x[..., ATTITUDE].reshape(-1, 3)).as_matrix()
         error = x.copy()
         error[..., :STATES] = 0.0
         return replace(
             self,
             position=self.position - x[..., POSITION],
             velocity=self.velocity - x[..., VELOCITY],
-            attitude=turns.reshape(self.attitude.shape) @ self.attitude,
+            attitude=turned(x[..., ATTITUDE]) @ self.attitude,
             accelerometer_bias=self.accelerometer_bias + x[..., ACCELEROMETER_BIAS],
             gyro_drift=self.gyro_drift + x[..., GYRO_DRIFT],
             error=error,

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from inswsn_book import record as book
 from inswsn_book.evidence.outage_cells import rebuild_outages, rebuild_recorded
-from inswsn_book.show.moving import Moving, Slider
-from inswsn_lib.evaluation import Finding
+from inswsn_book.lessons.nodes import ellipse
+from inswsn_book.show.moving import Chart, Moving, Slider
 from inswsn_lib.inertial import metres
 from inswsn_lib.navigation import (
     OutageTrials,
@@ -24,22 +24,14 @@ from inswsn_lib.navigation import (
 )
 from inswsn_lib.papers import read_numbers
 from inswsn_lib.simulation import Drive
-from inswsn_lib.vehicle import (
-    FilterSettings,
-    VehicleRun,
-    VehicleState,
-    position_error,
-    replay,
-    run_vehicle_filter,
-    yaw,
-)
+from inswsn_lib.vehicle import FilterSettings, VehicleRun, VehicleState, position_error, replay, yaw
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 Parts = tuple[Array, Array]  # of an error: along and across
 Said = dict[str, tuple[float, str, str]]  # numbers of the text: value, unit, and how it is made
-#: Positions (m), velocities (m/s) and attitudes after each sample, of a start turned by an angle
-Navigate = Callable[[Array], Array]
+#: Positions (m) after each second, of a start turned by an angle, with a bias of the gyros
+Navigate = Callable[..., Array]
 #: The spread of a velocity east and north after the car has looked at its own sideways velocity
 Constrain = Callable[[Array, float], Array]
 #: Positions (seconds + 1, 3) from the start on, and their covariances, through an outage by hand
@@ -55,14 +47,18 @@ AIDS: dict[str, tuple[str, ...]] = {
 #: When outages begin, s, and how long they last
 STARTS = np.arange(100, 1450, 10)
 LENGTH = 40
+#: An outage is lost that ends so far off, m; a road is straight that turns by less, degrees
+LOST, STRAIGHT = 20, 15
 _GRAVITY = 9.795  # m/s²
 
 
-def outages(drive: Drive, told: FilterSettings, aids: str) -> VehicleRun:
-    """Return the library's filter with some aids through an outage from each of `STARTS` on."""
+def outages(drive: Drive, told: FilterSettings, known: VehicleRun, aids: str) -> VehicleRun:
+    """Return the library's filter with some aids through an outage from each of `STARTS` on.
+
+    Until then it is the filter that is known: with satellites and all aids.
+    """
     there, believed = with_aids(drive, told, AIDS[aids])
-    with_gps = run_vehicle_filter(there, believed, last=int(STARTS[-1]))
-    return replay(there, believed, with_gps, STARTS, LENGTH, aiding=True)
+    return replay(there, believed, known, STARTS, LENGTH, aiding=True)
 
 
 def turned(drive: Drive) -> Array:
@@ -105,100 +101,122 @@ def path(run: VehicleRun) -> Array:
     return ((run.position[:, :, 0] - start) * metres(start))[:, [1, 0, 2]]
 
 
-def show_drive(drive: Drive, told: FilterSettings) -> dict[str, tuple[Array, Array]]:
+def show_drive(drive: Drive, told: FilterSettings, known: VehicleRun) -> dict[str, Parts]:
     """Show an outage dragged along the drive, by the aids; return all errors by the aids."""
-    by_aids = {aids: parts(outages(drive, told, aids), drive) for aids in AIDS}
-    bends = turned(drive)
-    starts = [int(k) for k in STARTS[::2]]
+    by_aids = {aids: parts(outages(drive, told, known, aids), drive) for aids in AIDS}
+    off = {aids: np.hypot(*(part[-1] for part in both)) for aids, both in by_aids.items()}
+    origin, bends = drive.reference.position[0], turned(drive)
+    road = ((drive.reference.position - origin) * metres(origin))[:, [1, 0]] / 1000
+    order, t = STARTS.tolist(), np.arange(0, LENGTH + 1, 2)
     shown = Moving(
         "Forty seconds without satellites",
-        Slider("k", "satellites lost at", starts, 220, "{:d} s"),
-        Slider("a", "aids", [*AIDS], "compass", "{}"),
+        Slider("k", "satellites lost at", order[::2], 220, "{:d} s", plays=True),
+        Slider("a", "aids", [*AIDS], "constraint", "{}"),
     )
-    t = np.arange(0, LENGTH + 1, 2)
+    middle, span = (road.max(axis=0) + road.min(axis=0)) / 2, np.ptp(road, axis=0) / 2 + 0.2
+    span[0] = max(span[0], 1.7 * span[1])  # wider than high, or a phone has no room for it
+    x, y = ((float(m - s), float(m + s)) for m, s in zip(middle, span, strict=True))
+    drawn = shown.chart(
+        "The drive: drag the outage along it", x="east (km)", y="north (km)", xlim=x, ylim=y,
+        equal=True,
+    )  # fmt: skip
+
+    def lost(a: str) -> Array:
+        """Return where outages, one after the other, end more than 20 m off."""
+        every = range(0, len(STARTS), LENGTH // 10)
+        rows = [road[STARTS[i] : STARTS[i] + LENGTH : 8] for i in every if off[a][i] > LOST]
+        return np.concatenate([np.zeros((0, 2)), *rows]).T
+
+    shown.draw(drawn, "truth", "", road[::6].T)
+    shown.draw(drawn, "kalman", "", lost, style="points")
+    shown.draw(drawn, "ins", "", lambda k: road[k : k + LENGTH + 1 : 4].T)
+    shown.draw(drawn, "ins", "outage", lambda k: road[[k + LENGTH // 2]].T, style="handle")
 
     def at(a: str, k: int, part: int) -> Array:
-        return np.asarray(by_aids[a][part][:, 2 * starts.index(k)])
+        return np.asarray(by_aids[a][part][:, order.index(k)])
 
-    def draw(part: int, where: str) -> None:
-        chart = shown.chart(
-            f"Error {where}", x="time without satellites (s)", y="error (m)", xlim=(0, LENGTH),
-            ylim=(-100, 100),
-        )  # fmt: skip
+    def bend(k: int) -> str:
+        return f"{bends[order.index(k)]:.0f}°"
+
+    def draw(part: int, chart: Chart) -> None:
         shown.draw(chart, "ins", "INS alone", lambda k: (t, at("none", k, part)[t]))
         shown.draw(chart, "kalman", "aided", lambda k, a: (t, at(a, k, part)[t]))
 
     def ends(a: str, k: int) -> str:
         return ", ".join(f"{abs(at(a, k, part)[-1]):.0f} m" for part in (0, 1))
 
-    draw(0, "along the road")
-    draw(1, "across the road")
-    shown.number("truth", "the road turns by", lambda k: f"{bends[2 * starts.index(k)]:.0f}°")
-    shown.number("ins", "INS along, across", lambda k: ends("none", k))
-    shown.number("kalman", "aided", lambda k, a: ends(a, k))
+    for part, chart in enumerate(_along_and_across(shown, 100)):
+        draw(part, chart)
+    shown.number("truth", "the road turns by", bend)
+    shown.number("computed", "INS alone: along, across", lambda k: ends("none", k))
+    shown.number("computed", "aided: along, across", lambda k, a: ends(a, k))
     shown.sentence(
         lambda k, a: (
-            f"Satellites lost at {k} s, on a road that turns by {bends[2 * starts.index(k)]:.0f} "
-            f"degrees. Errors along and across the road after {LENGTH} s: INS alone "
-            f"{ends('none', k)}; with aids ({a}) {ends(a, k)}."
+            f"Satellites lost at {k} s, on a road that turns by {bend(k)}. Errors along and across "
+            f"it after {LENGTH} s: INS alone {ends('none', k)}; with aids ({a}) {ends(a, k)}."
         )
     )
     shown.show(
         name="fig-l6-drive",
-        caption="Both filters had satellites and their own aids until the outage. Move it along "
-        "the drive, and change the aids.",
-        alt="Two charts over 40 s. Errors along and across the road at the end of the outage that "
-        f"begins at 220 s: INS alone {ends('none', 220)}; with a compass {ends('compass', 220)}.",
+        caption="Until the outage, both filters have satellites, compass and constraint. Dots on "
+        f"the road: outages that end more than {LOST} m off with the chosen aids.",
     )
     return by_aids
 
 
+def _along_and_across(shown: Moving, reach: float) -> list[Chart]:
+    """Add a chart of errors along the road, and one of errors across it."""
+    axes = {"x": "time without satellites (s)", "y": "error (m)", "xlim": (0, LENGTH)}
+    names = "Error along the road", "Error across the road"
+    return [shown.chart(name, ylim=(-reach, reach), **axes) for name in names]
+
+
 def show_wrong_start(navigate: Navigate) -> None:
-    """Show how far off an INS is that begins tilted, or with a wrong heading."""
-    tilts, headings = ([round(i * step, 2) for i in range(6)] for step in (0.1, 1.0))
-    right = navigate(np.zeros(3))
-    t = np.linspace(0, LENGTH, 41)
-    every = (len(right) - 1) // (len(t) - 1)
+    """Show how far off an INS is that begins tilted, with a wrong heading, or a gyro's bias."""
+    right, t = navigate(np.zeros(3)), np.arange(LENGTH + 1.0)
+    ahead = np.hypot(*(right - t[:, None] * right[1])[:, :2].T)  # of where it would go straight on
+    fall = _GRAVITY * t**2 / 2
+    # by what is wrong: the unit of its size, in degrees, degrees, and degrees an hour; the formula
+    wrong = {
+        "tilt": (0.02, "{:.2f}°", fall, "½ g θ t²"),
+        "gyro bias": (3.0, "{:.0f}°/h", fall * t / 3 / 3600, "g b t³/6"),
+        "heading": (0.5, "{:.1f}°", ahead, "δψ · distance from straight on"),
+    }
 
-    def off(turn: Sequence[float]) -> Array:
-        return np.asarray(np.hypot(*(navigate(np.radians(turn)) - right)[::every, :2].T))
+    @cache
+    def off(w: str, s: int) -> Array:
+        size = np.radians(s * wrong[w][0])
+        turn = {"tilt": [0, size, 0], "heading": [0, 0, size]}.get(w, [0, 0, 0])
+        bias = [0, size / 3600 if w == "gyro bias" else 0, 0]
+        return np.asarray(np.hypot(*(navigate(turn, bias) - right)[:, :2].T))
 
-    by_tilt = {s: off([0.0, s, 0.0]) for s in tilts}
-    by_heading = {h: off([0.0, 0.0, h]) for h in headings}
+    def size(w: str, s: int) -> str:
+        return wrong[w][1].format(s * wrong[w][0])
+
     shown = Moving(
-        "A tilt and a heading error",
-        Slider("s", "tilt", tilts, 0.1, "{:.1f}°"),
-        Slider("h", "heading error", headings, 2.0, "{:.0f}°"),
+        "What is wrong at the start",
+        Slider("w", "wrong at the start", [*wrong], "tilt", "{}"),
+        Slider("s", "size", [*range(6)], 5, "{:d} of 5"),
     )
-    time = {"x": "time (s)", "y": "error (m)", "xlim": (0, LENGTH), "ylim": (0, 80)}
-    tilted = shown.chart("A tilt lets gravity in", **time)
-    shown.draw(tilted, "ins", "INS", lambda s: (t, by_tilt[s]), at=34)
-    formula = {s: (t, 9.79 * np.radians(s) * t**2 / 2) for s in tilts}
-    shown.draw(tilted, "published", "½ g · tilt · t²", lambda s: formula[s], at=22)
-    turned_off = shown.chart("A heading error waits for a turn", **time)
-    shown.draw(turned_off, "ins", "INS", lambda h: (t, by_heading[h]), at=34)
-    shown.number("ins", "tilt, after 40 s", lambda s: f"{by_tilt[s][-1]:.1f} m")
-    shown.number("ins", "heading, after 40 s", lambda h: f"{by_heading[h][-1]:.1f} m")
+
+    def formula(w: str, s: int) -> Parts:
+        return t, np.radians(s * wrong[w][0]) * wrong[w][2]
+
+    time = {"x": "time (s)", "xlim": (0, LENGTH)}
+    chart = shown.chart("Error of the INS", y="error (m)", ylim=(0, 25), **time)
+    shown.draw(chart, "ins", "INS", lambda w, s: (t, off(w, s)), at=34)
+    shown.draw(chart, "published", "formula", formula, at=26)
+    shown.number("computed", "wrong", lambda w, s: f"{w} {size(w, s)}")
+    shown.number("published", "formula", lambda w: wrong[w][3])
+    shown.number("ins", "after 40 s", lambda w, s: f"{off(w, s)[-1]:.1f} m")
     shown.sentence(
-        lambda s, h: (
-            f"After 40 s, a tilt of {s:.1f} degrees has caused an error of {by_tilt[s][-1]:.1f} m, "
-            f"and a heading error of {h:.0f} degrees one of {by_heading[h][-1]:.1f} m."
-        )
+        lambda w, s: f"A {w} of {size(w, s)} makes an error of {off(w, s)[-1]:.1f} m in {LENGTH} s."
     )
     shown.show(
         name="fig-l6-wrong",
-        caption="The same samples, integrated from a correct start and from a wrong one. The "
-        "dashed line is the formula.",
-        alt=f"Two charts over 40 s. A tilt of 0.1 degrees costs {by_tilt[0.1][-1]:.1f} m, as the "
-        f"formula predicts. A heading error of 2 degrees costs {by_heading[2.0][-1]:.1f} m, and "
-        "none before the car brakes and turns.",
+        caption="The same samples, integrated from a correct start and from a wrong one. From "
+        "about 10 s on, the car brakes and turns.",
     )
-
-
-def _ellipse(P: Array) -> tuple[Array, Array]:
-    turn = np.linspace(0, 2 * np.pi, 61)
-    x, y = np.linalg.cholesky(P) @ np.stack([np.cos(turn), np.sin(turn)])
-    return x, y
 
 
 def show_constraint(constrain: Constrain) -> None:
@@ -214,9 +232,9 @@ def show_constraint(constrain: Constrain) -> None:
         "Spread of the velocity error", x="east (m/s)", y="north (m/s)", xlim=(-2.3, 2.3),
         ylim=(-1.15, 1.15), equal=True,
     )  # fmt: skip
-    shown.draw(chart, "ins", "before", _ellipse(circle), at=20)
-    shown.draw(chart, "constant", "one update, going north", _ellipse(once), at=15)
-    shown.draw(chart, "kalman", "after the turn", lambda q: _ellipse(twice[q]), at=50)
+    shown.draw(chart, "ins", "before", ellipse(circle, 1), at=20)
+    shown.draw(chart, "constant", "one update, going north", ellipse(once, 1), at=15)
+    shown.draw(chart, "kalman", "after the turn", lambda q: ellipse(twice[q], 1), at=50)
 
     def size(P: Array) -> float:
         return float(np.sqrt(np.linalg.eigvalsh(P)[-1]))
@@ -229,13 +247,11 @@ def show_constraint(constrain: Constrain) -> None:
             f"after a turn by {q} degrees and a second update, by {size(twice[q]):.2f} m/s at most."
         )
     )
+    shown.goal("half of the error is gone", lambda q: size(twice[q]) < 0.5)
     shown.show(
         name="fig-l6-constraint",
         caption="One standard deviation of the velocity error. The car drives north and uses the "
         "constraint, then turns and uses it again.",
-        alt=f"A circle of 1 m/s, and an ellipse that is {size(once):.2f} m/s long to the north and "
-        f"0.1 m/s wide. A second update without a turn changes little; after 30 degrees, at "
-        f"most {size(twice[30]):.2f} m/s remain in any direction.",
     )
 
 
@@ -260,97 +276,56 @@ def show_bands(drive: Drive, known: VehicleRun, outage: Outage, starts: Mapping[
         Slider("a", "aids", ["none", "constraint", "both"], "none", "{}"),
     )
 
-    def draw(part: int, where: str) -> None:
-        chart = shown.chart(
-            f"Error {where}", x="time without satellites (s)", y="error (m)", xlim=(0, LENGTH),
-            ylim=(-80, 80),
-        )  # fmt: skip
-
+    def draw(part: int, chart: Chart) -> None:
         def band(place: str, a: str) -> tuple[Integers, Array, Array]:
             side = found[place, a][1][part]
             return t, -side, side
 
         shown.draw(chart, "kalman", "", band, style="band")
         shown.draw(chart, "kalman", "error", lambda place, a: (t, found[place, a][0][part]))
-        shown.number(
-            "kalman", f"band {where}", lambda place, a: f"± {found[place, a][1][part, -1]:.1f} m"
-        )
 
-    draw(0, "along the road")
-    draw(1, "across the road")
+    def ends(place: str, a: str) -> str:
+        return ", ".join(f"± {side[-1]:.0f} m" for side in found[place, a][1])
+
+    for part, chart in enumerate(_along_and_across(shown, 80)):
+        draw(part, chart)
+    shown.number("computed", "band: along, across", ends)
     shown.sentence(
         lambda place, a: (
-            f"Road: {place}; aids: {a}. After {LENGTH} s, the band is "
-            f"{found[place, a][1][0, -1]:.0f} m to either side along the road, and "
-            f"{found[place, a][1][1, -1]:.0f} m across it."
+            f"Road: {place}; aids: {a}. After {LENGTH} s, the bands along the road and across it "
+            f"are {ends(place, a)}."
         )
     )
-    first = next(iter(starts))
     shown.show(
         name="fig-l6-bands",
         caption="The band is two standard deviations to either side, according to the filter "
         "above, which sees neither satellites nor the truth.",
-        alt=f"Two charts over 40 s. On the first road ({first}) without aids, both bands widen to "
-        f"{found[first, 'none'][1][0, -1]:.0f} m; with the constraint, that along the road widens "
-        f"to {found[first, 'constraint'][1][0, -1]:.0f} m, and that across it to "
-        f"{found[first, 'constraint'][1][1, -1]:.0f} m.",
     )
 
 
-def show_turns(drive: Drive, by_aids: Mapping[str, tuple[Array, Array]]) -> None:
-    """Show where on the map an error remains, and the error over how far the road turns."""
+def show_turns(drive: Drive, by_aids: Mapping[str, Parts]) -> None:
+    """Show the error of all outages over how far the road turns in them."""
     bends = turned(drive)
     off = {aids: np.hypot(*(part[-1] for part in both)) for aids, both in by_aids.items()}
-    origin = drive.reference.position[0]
-    road = ((drive.reference.position - origin) * metres(origin))[:, [1, 0]] / 1000
-    limits = [*range(5, 61, 5)]
-    shown = Moving(
-        "Where does the car get lost?",
-        Slider("m", "error above", limits, 20, "{:d} m"),
-        Slider("a", "aids", [*AIDS], "none", "{}"),
-    )
-    middle, span = (road.max(axis=0) + road.min(axis=0)) / 2, np.ptp(road, axis=0) / 2 + 0.2
-    span[0] = max(span[0], 1.7 * span[1])  # wider than high, or a phone has no room for it
-    x, y = ((float(m - s), float(m + s)) for m, s in zip(middle, span, strict=True))
-    drawn = shown.chart(
-        "The drive", x="east (km)", y="north (km)", xlim=x, ylim=y, equal=True,
-    )  # fmt: skip
-    pieces = [*range(0, len(STARTS), LENGTH // 10)]  # one after the other
-
-    def lost(m: int, a: str) -> tuple[Array, Array]:
-        rows = [road[STARTS[i] : STARTS[i] + LENGTH : 8] for i in pieces if off[a][i] > m]
-        here = np.concatenate(rows) if rows else np.zeros((0, 2))
-        return here[:, 0], here[:, 1]
-
-    shown.draw(drawn, "truth", "", road[::6].T)
-    shown.draw(drawn, "kalman", "", lost, style="points")
+    shown = Moving("Where the car gets lost", Slider("a", "aids", [*AIDS], "none", "{}"))
     spread = shown.chart(
         "All outages, after 40 s", x="the road turns by (degrees)", y="error (m)", xlim=(0, 180),
         ylim=(0, 120),
     )  # fmt: skip
     shown.draw(spread, "kalman", "", lambda a: (np.minimum(bends, 180), off[a]), style="points")
-    shown.draw(spread, "truth", "", lambda m: ([0, 180], [m, m]))
-    straight = bends < 15
+    shown.draw(spread, "truth", f"{LOST} m", ([0, 180], [LOST, LOST]))
 
-    def share(m: int, a: str, which: NDArray[np.bool_]) -> str:
-        return f"{np.mean(off[a][which] > m):.0%}"
+    def lost(a: str) -> str:
+        far = off[a] > LOST
+        straight, other = far[bends < STRAIGHT].mean(), far[bends >= STRAIGHT].mean()
+        return f"{straight:.0%} on straight roads, {other:.0%} on others"
 
-    shown.number("kalman", "above it, straight roads", lambda m, a: share(m, a, straight))
-    shown.number("kalman", "above it, other roads", lambda m, a: share(m, a, ~straight))
-    shown.sentence(
-        lambda m, a: (
-            f"With aids ({a}), the error after 40 s is above {m} m in {share(m, a, straight)} of "
-            f"the outages on straight roads and in {share(m, a, ~straight)} of the others."
-        )
-    )
+    shown.number("computed", f"lost: above {LOST} m", lost)
+    shown.sentence(lambda a: f"With aids ({a}), above {LOST} m after 40 s: {lost(a)}.")
     shown.show(
         name="fig-l6-turns",
-        caption="Dots on the road: outages that end with an error above the limit. Below: every "
-        "outage. A road is called straight if the heading stays within 15°.",
-        alt="A map of the drive, and the error over how far the road turns. Without aids, "
-        f"{share(20, 'none', straight)} of the outages on straight roads and "
-        f"{share(20, 'none', ~straight)} of the others end with an error above 20 m; with both "
-        f"aids, {share(20, 'both', straight)} and {share(20, 'both', ~straight)}.",
+        caption="Each dot is an outage. A road is called straight if the heading stays within "
+        f"{STRAIGHT}°.",
     )
 
 
@@ -371,36 +346,29 @@ def show_learning(drive: Drive, trials: OutageTrials) -> Array:
         true[k] = (trials.positions["through"][: LENGTH + 1, 1, i, 0] - here) * east
         said[k] = trials.bridges["lssvm"].predicted[: LENGTH + 1, 0, i]
     shown = Moving("What the last outage teaches", Slider("k", "lost at", starts, 220, "{:d} s"))
-    axes = {"x": "time (s); satellites are lost at 0", "xlim": (-window, LENGTH)}
-    errors = shown.chart("Error of the aided car, east", y="error (m)", ylim=(-60, 60), **axes)
-    shown.draw(errors, "network", "", lambda k: learned[k], style="points")
+    errors = shown.chart(
+        "Error of the aided car, east", x="time (s); satellites are lost at 0", y="error (m)",
+        xlim=(-window, LENGTH), ylim=(-60, 60),
+    )  # fmt: skip
+    shown.draw(errors, "network", "rehearsed", lambda k: learned[k], style="points", at=0)
     shown.draw(errors, "kalman", "true", lambda k: (t, true[k]))
     shown.draw(errors, "lssvm", "predicted", lambda k: (t, said[k]))
-    distance = shown.chart("Distance from the true position", y="error (m)", ylim=(0, 80), **axes)
     off = {
-        m: dict(zip(starts, trials.errors[m][: LENGTH + 1, :, 0].T, strict=True))
-        for m in trials.errors
-    }
-    shown.draw(distance, "kalman", "aided", lambda k: (t, off["through"][k]))
-    shown.draw(distance, "lssvm", "aided, learned", lambda k: (t, off["lssvm"][k]))
-    shown.number("network", "rehearsed outages", "dots")
-    shown.number("kalman", "aided", lambda k: f"{rms(off['through'][k][1:]):.1f} m")
-    shown.number("lssvm", "aided, learned", lambda k: f"{rms(off['lssvm'][k][1:]):.1f} m")
+        (m, k): f"{rms(trials.errors[m][1 : LENGTH + 1, i]):.1f} m"
+        for m in ("through", "lssvm") for i, k in enumerate(starts)
+    }  # fmt: skip
+    shown.number("computed", "aided: RMS", lambda k: off["through", k])
+    shown.number("computed", "aided, learned: RMS", lambda k: off["lssvm", k])
     shown.sentence(
         lambda k: (
             f"Satellites lost at {k} s: the root mean square error over 40 s is "
-            f"{rms(off['through'][k][1:]):.1f} m for the aided car, and "
-            f"{rms(off['lssvm'][k][1:]):.1f} m with the learned correction."
+            f"{off['through', k]} for the aided car, and {off['lssvm', k]} with the prediction."
         )
     )
-    k = 220
     shown.show(
         name="fig-l6-learning",
         caption="Dots: the error in outages that were rehearsed while there were satellites. The "
         "machine predicts the next outage from them.",
-        alt=f"Two charts. With satellites lost at {k} s, the error of the aided car is "
-        f"{rms(off['through'][k][1:]):.1f} m; with the prediction of the machine it is "
-        f"{rms(off['lssvm'][k][1:]):.1f} m.",
     )
     return np.array(played)
 
@@ -413,7 +381,7 @@ def show_recorded(trials: RecordedTrials) -> tuple[dict[str, tuple[Array, Array]
     """
     starts, t = [int(k) for k in trials.starts], np.arange(0, 51)
     methods = {"never": ("ins", "INS alone"), "through": ("kalman", "aided")}
-    methods["lssvm"] = "lssvm", "aided, learned"
+    methods |= {"lssvm": ("lssvm", "aided, learned")}
     found, bends = {}, []
     for i, k in enumerate(starts):
         path = trials.reference[k : k + 51]
@@ -425,54 +393,35 @@ def show_recorded(trials: RecordedTrials) -> tuple[dict[str, tuple[Array, Array]
         for m in methods:
             found[m, k] = along_across(trials.tracks[m][:, :, i] - path, heading[held])
     shown = Moving("A recorded drive", Slider("k", "satellites lost at", starts, 120, "{:d} s"))
-    off = {(m, k): rms(np.hypot(*found[m, k])[1:41]) for m, k in found}
-    charts = [
-        shown.chart(
-            f"Error {where}", x="time without satellites (s)", y="error (m)", xlim=(0, LENGTH),
-            ylim=(-60, 60),
-        )
-        for where in ("along the road", "across the road")
-    ]  # fmt: skip
+    off = {(m, k): f"{rms(np.hypot(*found[m, k])[1 : LENGTH + 1]):.1f} m" for m, k in found}
 
-    def draw(m: str, stroke: str, label: str) -> None:
-        shown.draw(charts[0], stroke, label, lambda k: (t[:41], found[m, k][0][:41]))
-        shown.draw(charts[1], stroke, label, lambda k: (t[:41], found[m, k][1][:41]))
-        shown.number(stroke, label, lambda k: f"{off[m, k]:.1f} m")
+    def draw(m: str, stroke: str, label: str, part: int, chart: Chart) -> None:
+        curves = {k: (t[: LENGTH + 1], found[m, k][part][: LENGTH + 1]) for k in starts}
+        shown.draw(chart, stroke, label, lambda k: curves[k])
+        if part == 0:
+            shown.number(stroke, label, lambda k: off[m, k])
 
-    for m, (stroke, label) in methods.items():
-        draw(m, stroke, label)
+    for part, chart in enumerate(_along_and_across(shown, 60)):
+        for m, (stroke, label) in methods.items():
+            draw(m, stroke, label, part, chart)
     shown.sentence(
-        lambda k: (
-            f"Satellites lost at {k} s: the root mean square error over 40 s is "
-            f"{off['never', k]:.1f} m for the INS alone, {off['through', k]:.1f} m with aids, and "
-            f"{off['lssvm', k]:.1f} m with the learned correction."
-        )
-    )
+        lambda k: f"Satellites lost at {k} s: the root mean square error over 40 s is "
+        + ", ".join(f"{off[m, k]} ({label})" for m, (_, label) in methods.items()) + "."
+    )  # fmt: skip
     shown.show(
         name="fig-l6-recorded",
         caption="The accelerometer and gyro data are recorded, and so is the path; fixes and "
         "compass readings are made from the path by adding noise.",
-        alt="Two charts over 40 s of a recorded drive. With satellites lost at 120 s, the error is "
-        f"{off['never', 120]:.1f} m for the INS alone, {off['through', 120]:.1f} m with aids, and "
-        f"{off['lssvm', 120]:.1f} m with the learned correction.",
     )
     ends = {m: np.array([[part[LENGTH] for part in found[m, k]] for k in starts]) for m in methods}
     return {m: (ends[m][:, 0], ends[m][:, 1]) for m in methods}, float(min(bends))
 
 
-def _alike(run: VehicleRun, k: int) -> float:
-    """Return the correlation of the errors of tilt and bias, as accelerations along the car."""
-    _, C, _, P = in_metres(run.states[k, 0])
-    tilt, bias = np.zeros((2, 15))
-    tilt[6:9], bias[9:12] = np.cross(C[:, 0], [0, 0, _GRAVITY]), C[:, 0] @ C
-    return float(tilt @ P @ bias / np.sqrt(tilt @ P @ tilt * (bias @ P @ bias)))
-
-
 def _numbers(
-    straight: NDArray[np.bool_], ends: Mapping[str, Parts], navigate: Navigate, plain: VehicleRun,
-    constrain: Constrain, in_town: Mapping[str, Parts], least: float,
+    straight: NDArray[np.bool_], ends: Mapping[str, Parts], navigate: Navigate,
+    in_town: Mapping[str, Parts], least: float,
 ) -> Said:  # fmt: skip
-    """Return what the text says of both drives; the filter `plain` has GPS alone, until 113 s."""
+    """Return what the text says of both drives."""
     found: Said = {"recorded.least": (least, "deg", "Least range of the heading in an outage.")}
     for name, what in (("ins", "never"), ("aided", "through")):
         for part, where in zip(in_town[what], ("along", "across"), strict=True):
@@ -482,38 +431,24 @@ def _numbers(
         ratio = rms(ends["constraint"][at][which]) / rms(ends["none"][at][which])
         how = "Share that the constraint takes, RMS after 40 s, all outages."
         found[f"taken.{name}"] = 100 * (1 - ratio), "%", how
-    far = np.hypot(*ends["constraint"]) > 20
+    far = np.hypot(*ends["constraint"]) > LOST
     for name, which in (("straight", straight), ("other", ~straight)):
         how = "Outages that end more than 20 m off with the constraint."
         found[f"lost.{name}"] = float(100 * far[which].mean()), "%", how
     found["alone.across"] = rms(ends["constraint"][1]), "m", "RMS after 40 s, constraint alone."
-    right, off = navigate(np.zeros(3))[40], {}
-    for name, turn in (("tilted", (0.0, 0.05, 0.0)), ("headed", (0.0, 0.0, 2.0))):
-        off[name] = float(np.hypot(*(navigate(np.radians(turn))[40] - right)[:2]))
-        found[name] = off[name], "m", "Of the INS at 153 s, begun with this turn at 113 s."
-    _, C, _, P = in_metres(plain.states[113, 0])
-    tilts = np.array([[0, -_GRAVITY], [_GRAVITY, 0]])  # what a tilt adds to east and north
-    pushed = np.hstack([np.zeros((2, 6)), tilts, np.zeros((2, 1)), C[:2], np.zeros((2, 3))])
-    level = float(np.degrees(np.diag(pushed @ P @ pushed.T)[0] ** 0.5 / _GRAVITY))
-    heading = float(np.degrees(P[8, 8] ** 0.5))
-    costs = {"level": _by_tilt(level), "heading": off["headed"] * heading / 2}
-    for name, k in (("early", 30), ("late", 113)):
-        how = f"Correlation of what tilt and accelerometer bias add along the car, at {k} s."
-        found[f"alike.{name}"] = _alike(plain, k), "1", how
-    for name, value in (("level", level), ("heading", heading)):
-        found[f"sure.{name}"] = value, "deg", "Standard deviation with GPS, at 113 s."
-        found[f"costs.{name}"] = costs[name], "m", "What that leads to 40 s later."
-    found["free.without"] = _by_tilt(0.1), "m", "The formula g tilt t^2 / 2."
+    right = navigate(np.zeros(3))
+    none, y, z = np.radians([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    starts = {"tilted": (0.05 * y,), "headed": (2 * z,), "biased": (none, y / 360)}  # 10 deg/h
+    for name, wrong in starts.items():
+        off = float(np.hypot(*(navigate(*wrong) - right)[LENGTH, :2]))
+        found[name] = off, "m", "Of the INS at 153 s, begun so at 113 s."
+    without = float(_GRAVITY * np.radians(0.1) * LENGTH**2 / 2)
+    found["free.without"] = without, "m", "The formula g tilt t^2 / 2."
     found["free.with"] = float(14 * np.radians(0.5) * LENGTH), "m", "The formula v psi t."
-    seen = constrain(np.eye(2), 0.0)
-    turn = brentq(lambda q: constrain(seen, q)[1, 1] ** 0.5 - 0.5, 0, np.pi / 2)
+    turn = np.arcsin((0.06 / 1.03) ** 0.5)  # three times 1 / P, with R = 0.01
     found["halves"] = float(np.degrees(turn)), "deg", "Turn that halves the velocity error along."
     found["earth"] = float(np.degrees(7.292e-5 * LENGTH)), "deg", "The turn of the earth in 40 s."
     return found
-
-
-def _by_tilt(degrees: float) -> float:
-    return float(_GRAVITY * np.radians(degrees) * LENGTH**2 / 2)
 
 
 #: What P3 prints of its outages: where it stands among its numbers, its words, and its name in the
@@ -532,12 +467,12 @@ _PRINTED = {
     "outage5_50s.kf_max": ("outage 5, 50 s, KF, largest, m", "50.never.place5.max"),
     "outage5_50s.rbf_max": ("outage 5, 50 s, RBF, largest, m", "50.rbf.place5.max"),
     "outage5_50s.proposed_max": ("outage 5, 50 s, proposed, largest, m", "50.lssvm.place5.max"),
-    "outage5_50s.improvement_vs_rbf": (
-        "outage 5, 50 s, reduction against RBF, %", "50.gain.place5.over-rbf",
-    ),
-    "outage5_50s.improvement_vs_kf": (
-        "outage 5, 50 s, reduction against KF, %", "50.gain.place5.over-kf",
-    ),
+    **{
+        f"outage5_50s.improvement_vs_{name}": (
+            f"outage 5, 50 s, reduction against {name.upper()}, %", f"50.gain.place5.over-{name}",
+        )
+        for name in ("rbf", "kf")
+    },
     **{
         f"ranges.{method}_{kind}.{end}": (
             f"{word} {words} of all outages, {label}, m", f"40.{name}.{kind}.{which}",
@@ -576,14 +511,11 @@ def show_outages(
         other = re.sub(r"\.place\d", "", name).replace("seven", "all")
         return Cell(label, said(path), f"sim.{name}", equal, f"recorded.cells.{other}")
 
-    def compute() -> dict[str, Finding]:
-        errors = many.errors_of(("never", "through", "lssvm", "rbf"))
-        return rebuild_outages(errors) | rebuild_recorded(recorded)
-
+    methods = "never", "through", "lssvm", "rbf"
     show_printed(
         record, "p3-vehicle",
         [cell(path, *words) for path, words in _PRINTED.items()],
-        compute,
+        lambda: rebuild_outages(many.errors_of(methods)) | rebuild_recorded(recorded),
         by=("seed", "lateral", "slip", "compass_bias", "tau", "window"),
         name="tbl-l6-p3",
         caption="Errors in P3's outages, and by how much the proposed method reduces those of KF; "
@@ -595,9 +527,7 @@ def show_outages(
     )  # fmt: skip
 
 
-def read_p3(
-    parameters: dict[str, int | float],
-) -> tuple[book.ChapterRecord, RecordedTrials, Any]:
+def read_p3(parameters: dict[str, float]) -> tuple[book.ChapterRecord, RecordedTrials, Any]:
     """Return the record of the lesson, what is kept of the recorded drive, and P3's numbers."""
     record = book.ChapterRecord("lesson-6", {**parameters})
     record.data("scenarios/p3.yaml")
@@ -606,15 +536,14 @@ def read_p3(
 
 
 def hold(
-    record: book.ChapterRecord, drive: Drive, told: FilterSettings, by_aids: Mapping[str, Parts],
-    navigate: Navigate, constrain: Constrain, outage: Outage, factor: Callable[..., float],
-    size: Mapping[str, Array], played: Array, largest: Callable[[str], Mapping[str, float]],
+    record: book.ChapterRecord, drive: Drive, by_aids: Mapping[str, Parts], navigate: Navigate,
+    outage: Outage, factor: Callable[..., float], size: Mapping[str, Array], played: Array,
     in_town: Mapping[str, Parts], least: float,
 ) -> None:  # fmt: skip
     """Note the numbers of the text, hold its sentences against them, and write the record."""
     for name in (
-        "factor.through-never", "factor.until-never", "methods.lssvm", "methods.short",
-        "recorded.factor.through-never", "recorded.factor.lssvm", "lasting.0.state",
+        "factor.through-never", "factor.until-never", "methods.lssvm",
+        "recorded.factor.through-never", "recorded.factor.lssvm",
     ):  # fmt: skip
         record.say(name, f"{record.reference('p3-vehicle', name).value:.2f}")
     for said_as, name in (
@@ -622,12 +551,9 @@ def hold(
         ("recorded.constraint", "recorded.ladder.share.constraint-of-aids"),
     ):  # fmt: skip
         record.say(said_as, f"{100 * record.reference('p3-vehicle', name).value:.0f}")
-    for name in ("never", "through", "lssvm"):
-        for label, error in largest(name).items():
-            record.note(f"{name}.{label[0]}", error, "m", f"Largest error, outage {label}.")
-    straight, plain = turned(drive) < 15, run_vehicle_filter(drive, told, aiding=False, last=113)
+    straight = turned(drive) < STRAIGHT
     ends = {aids: (along[-1], across[-1]) for aids, (along, across) in by_aids.items()}
-    said = _numbers(straight, ends, navigate, plain, constrain, in_town, least)
+    said = _numbers(straight, ends, navigate, in_town, least)
     basis = {"recorded": "emulation", "free": "algebra"}
     for name, (value, unit, how) in said.items():
         record.note(name, value, unit, how, basis=basis.get(name.partition(".")[0], "simulation"))
@@ -637,7 +563,7 @@ def hold(
         how = "RMS over that of the aided car, by how far off the played outages were."
         record.note(f"learned{name}", learned[name], "1", how, relative=1e-2)  # as in the evidence
     off = {aids: np.hypot(*both) for aids, both in ends.items()}
-    lost = off["constraint"] > 20
+    lost = off["constraint"] > LOST
     spread = np.trace(outage(113, ["constraint"])[1][:, :2, :2], axis1=1, axis2=2) ** 0.5
     alone, aided = (rms(np.hypot(*in_town[name])) for name in ("never", "through"))
     for sentence, holds in {
@@ -648,7 +574,6 @@ def hold(
         "In the turn the band closes.": spread[25:30].min() < 0.7 * spread[20],
         "Learning does harm.": learned[""] > 1,
         "Most where the played outages were larger.": learned[".large"] > 2 * learned[".small"],
-        "Heading costs less than the level.": said["costs.heading"][0] < said["costs.level"][0] / 2,
         "More often than not.": np.mean(size["lssvm"] > size["through"]) > 0.5,
         "Recorded, aids take most of the error.": aided < alone / 4,
         "Every recorded outage holds a turn.": least > 30,

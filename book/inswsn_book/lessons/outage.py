@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from inswsn_book.lessons.dots import show_dots
 from inswsn_book.record import ChapterRecord
 from inswsn_book.show.moving import Chart, Moving, Slider
 from inswsn_lib.navigation.bridged_outages import Passage
@@ -26,8 +26,6 @@ Machine = Callable[[Array, Array, float, float], Answer]
 Bridge = Callable[[Array, Array, float, float], Array]
 #: A filter by hand: measurements, with NaN where there are none, in, estimates out
 Filter = Callable[[Array], Array]
-#: The columns that name the rows of P1's tables, by their numbers
-_INDEX = {1: "no", 3: "method"}
 #: The columns of Table 1 by what P1 calls them: the name in findings, and for a reader
 _TABLE1 = {
     "drx": ("rx", "$r_x$"),
@@ -43,10 +41,10 @@ _SCENE = ("seed", "outage_samples", "range_noise", "inertial_scale", "correlatio
 _FAIR = ("fair.ls-svm.motion", "fair.kalman-filter-coasting.state")
 
 WIDTHS = [
-    *(0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 50.0, 70.0, 100.0),
+    *(0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 50.0),
+    *(100.0, 200.0, 500.0, 1e3, 2e3, 5e3, 1e4),
 ]
-_WIDE = [0.1, 0.2, *WIDTHS, 200.0, 500.0, 1e3, 2e3, 5e3, 1e4]
-STRENGTHS = [1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6]
+STRENGTHS = [1.0, 1e2, 1e3, 1e6]
 
 
 def distances(error: Array) -> Array:
@@ -65,49 +63,67 @@ def _of(drive: Passage) -> tuple[Array, Array, Array, int]:
     return np.asarray(drive.inputs["time"])[:, 0], drive.error, drive.y[:heard], heard
 
 
-def _by_time(t: Array, y: Array, sigma: float, eta: float) -> Array:
-    """Return what an LS-SVM on time says at all times, trained on the first."""
-    n = len(y)
-    system, like = np.ones((n + 1, n + 1)), np.exp(-((t[:, None] - t[:n]) ** 2) / (2 * sigma**2))
-    system[0, 0], system[1:, 1:] = 0, like[:n] + np.eye(n) / eta
-    b, *alpha = np.linalg.solve(system, np.vstack([0 * y[:1], y]))
-    return np.asarray(like @ alpha + b)
+def show_turn(drives: Mapping[float, Passage]) -> None:
+    """Show an outage on the map, by where it begins and by the heading's error.
 
+    The INS goes on from the last fix of position and velocity.
+    """
+    shares, begins = list(drives), [float(b) for b in range(8, 21)]
+    t, _, _, heard = _of(drives[1.0])
+    longest = len(t) - heard
+    since = t[:longest]
+    motion = np.asarray(drives[1.0].inputs["motion"])
+    true = (motion - drives[1.0].error)[:, :2]
+    way = np.unwrap(np.arctan2(*np.diff(true, axis=0).T))
+    bends = {b: np.degrees(np.ptp(way[_after(t, b, longest - 1)])) for b in begins}
 
-def show_bridge(drive: Passage, eta: float, *, start: float) -> None:
-    """Show an outage bridged by an LS-SVM on time, by its width."""
-    t, error, y, heard = _of(drive)
-    said = {s: _by_time(t, y, s, eta) for s in WIDTHS}
+    @cache
+    def left(b: float, share: float) -> Array:
+        rows, drive = _after(t, b, longest), drives[share]
+        start = drive.y[rows.start - 1]
+        gone = since + t[1]  # since the last fix
+        return np.asarray(drive.error[rows, :2] - start[:2] - gone[:, None] * start[2:])
+
     shown = Moving(
-        "An outage bridged by what was learned before",
-        Slider("s", "width of the kernel", WIDTHS, start, "{:g} s"),
+        "What a turn does in an outage",
+        Slider("b", "network lost at", begins, 20.0, "{:g} s", plays=True),
+        Slider("share", "error of the heading, times", shares, 1.0, "{:g}"),
     )
-    time = {"x": "time (s)", "xlim": (0, 30)}
-    learned = shown.chart("Position error of the INS in y", y="error (m)", ylim=(-20, 45), **time)
-    shown.draw(learned, "network", "", (t[:heard:4], y[::4, 1]), style="points")
-    shown.draw(learned, "ins", "true", (t, error[:, 1]))
-    shown.draw(learned, "lssvm", "learned", lambda s: (t, said[s][:, 1]))
-    distance = shown.chart("Distance from the true position", y="error (m)", ylim=(0, 45), **time)
-    shown.draw(distance, "ins", "INS", (t, distances(error)))
-    shown.draw(distance, "lssvm", "corrected", lambda s: (t, distances(error - said[s])))
-    mean = {s: off((error - answers)[heard:]) for s, answers in said.items()}
-    ins = off(error[heard:])
-    shown.number("network", "measured", "until 20 s")
-    shown.number("ins", "INS alone, in the outage", f"{ins:.1f} m")
-    shown.number("lssvm", "corrected, in the outage", lambda s: f"{mean[s]:.1f} m")
-    shown.sentence(lambda s: (
-        f"With a width of {s:g} s, the mean error of the corrected position in the outage is "
-        f"{mean[s]:.1f} m, and that of the INS alone {ins:.1f} m."
+    drawn = shown.chart(
+        "The map: drag the outage along it", x="x (m)", y="y (m)", xlim=(350, 530), ylim=(10, 130),
+        equal=True,
+    )  # fmt: skip
+    shown.draw(drawn, "truth", "true", true.T, at=60)
+    shown.draw(
+        drawn, "ins", "INS", lambda b, share: (true[_after(t, b, longest)] + left(b, share)).T
+    )
+    shown.draw(drawn, "ins", "", lambda b: true[_after(t, b, 1)].T, style="handle")
+    chart = shown.chart(
+        "Distance from the true position", x="time since the loss (s)", y="error (m)",
+        xlim=(0, 10), ylim=(0, 60),
+    )  # fmt: skip
+    shown.draw(chart, "ins", "INS", lambda b, share: (since, distances(left(b, share))))
+    mean = cache(lambda b, share: f"{off(left(b, share)):.1f} m")
+    shown.number("truth", "the road turns by", lambda b: f"{bends[b]:.0f}°")
+    shown.number("computed", "mean error of the INS", mean)
+    shown.goal(
+        "lost at 18 s or later, the mean error is below 2 m",
+        lambda b, share: b >= 18 and off(left(b, share)) < 2,
+    )
+    shown.sentence(lambda b, share: (
+        f"The network is lost at {b:g} s, for 10 s, in which the road turns by {bends[b]:.0f} "
+        f"degrees. With the heading's error times {share:g}, the mean error of the INS is "
+        f"{mean(b, share)}."
     ))  # fmt: skip
     shown.show(
-        name="fig-l4-bridge",
-        caption="Until 20 s the machine sees how much the two instruments differ (dots). After "
-        "that it has only the clock, and what it has learned.",
-        alt=f"Two charts over 30 seconds. The error of the INS in y grows to "
-        f"{error[:heard, 1].max():.0f} m at 20 s and comes back after a turn. With the width "
-        f"{start:g} s the learned curve continues in its old direction: its mean error in the "
-        f"outage is {mean[start]:.1f} m, and that of the INS alone {ins:.1f} m.",
+        name="fig-l4-turn",
+        caption="When the network is lost, the INS is set to the last fix, and goes on alone.",
     )
+
+
+def _after(t: Array, begin: float, samples: int) -> slice:
+    first = round(begin / float(t[1]))
+    return slice(first, first + samples)
 
 
 def show_kernels(machine: Machine) -> None:
@@ -119,11 +135,11 @@ def show_kernels(machine: Machine) -> None:
     shown = Moving(
         "Width and regularisation on one curve",
         Slider("s", "width σ", widths, 0.2, "{:g}"),
-        Slider("n", "regularisation η", STRENGTHS[:5], 10.0, "{:,.0f}"),
+        Slider("n", "regularisation η", STRENGTHS, 100.0, "{:,.0f}"),
     )
     axes = {"x": "input u", "xlim": (-4, 9)}
     answers = shown.chart("The answer f(u)", y="f(u)", ylim=(-1, 3), **axes)
-    found = {(s, n): machine(U, Y, s, n) for s in widths for n in STRENGTHS[:5]}
+    found = {(s, n): machine(U, Y, s, n) for s in widths for n in STRENGTHS}
     middle = float(Y.mean())
     shown.draw(answers, "published", "mean", ([-4, 9], [middle, middle]), at=0)
     shown.draw(answers, "lssvm", "answer", lambda s, n: (x, found[s, n](x[:, None])[:, 0]))
@@ -133,8 +149,8 @@ def show_kernels(machine: Machine) -> None:
         shown.draw(alike, "network", "", _bell(x, float(at)))
     missed = {key: float(abs(answer(U) - Y).mean()) for key, answer in found.items()}
     ahead = {key: float(answer(np.array([[8.0]]))[0, 0]) for key, answer in found.items()}
-    shown.number("lssvm", "mean error at the samples", lambda s, n: f"{missed[s, n]:.3f}")
-    shown.number("lssvm", "answer at u = 8", lambda s, n: f"{ahead[s, n]:.2f}")
+    shown.number("computed", "mean error at the samples", lambda s, n: f"{missed[s, n]:.3f}")
+    shown.number("computed", "answer at u = 8", lambda s, n: f"{ahead[s, n]:.2f}")
     shown.sentence(lambda s, n: (
         f"With the width {s:g} and the regularisation {n:,.0f}, the mean error at the samples "
         f"is {missed[s, n]:.3f} and the answer at u = 8 is {ahead[s, n]:.2f}; the mean of the "
@@ -144,8 +160,6 @@ def show_kernels(machine: Machine) -> None:
         name="fig-l4-kernels",
         caption="Five samples. The lower chart shows their kernels, the upper one the answer: a "
         "weighted sum of the kernels plus a constant.",
-        alt=f"Two charts. With the width 0.2, the answer has a peak or a dip at each of the five "
-        f"samples and is {ahead[0.2, 10.0]:.2f} away from them. Below are five narrow bells.",
     )
 
 
@@ -155,57 +169,44 @@ def _bell(x: Array, at: float) -> Callable[[float], tuple[Array, Array]]:
 
 
 def show_widths(drive: Passage, machine: Machine) -> None:
-    """Show the error in training and in the outage over the width, by the regularisation."""
+    """Show an outage bridged by a machine on time, and its error, by width and regularisation."""
     t, error, y, heard = _of(drive)
-    train, bridged = {}, {}
-    for n in STRENGTHS:
-        for s in _WIDE:
-            answers = machine(t[:heard, None], y, s, n)(t[:, None])
-            train[s, n] = off(answers[:heard] - y)
-            bridged[s, n] = off((error - answers)[heard:])
+    said = {
+        (s, n): machine(t[:heard, None], y, s, n)(t[:, None]) for s in WIDTHS for n in STRENGTHS
+    }
+    train = {key: off(answers[:heard] - y) for key, answers in said.items()}
+    bridged = {key: off((error - answers)[heard:]) for key, answers in said.items()}
     shown = Moving(
-        "Too narrow or too wide",
-        Slider("s", "width of the kernel", _WIDE, 0.1, "{:,g} s"),
+        "An outage bridged by what was learned before",
+        Slider("s", "width of the kernel", WIDTHS, 100.0, "{:,g} s"),
         Slider("n", "regularisation η", STRENGTHS, 1e3, "{:,.0f}"),
     )
-    axes = {"x": "width of the kernel (s), as a power of ten", "xlim": (-1.1, 4.1)}
-    x = np.log10(_WIDE)
-    known = shown.chart("Training: distance from the fixes", y="error (m)", ylim=(0, 8), **axes)
-    lost = shown.chart("Outage: distance from the truth", y="error (m)", ylim=(0, 30), **axes)
-
-    def add(chart: Chart, of: Mapping[tuple[float, float], float]) -> None:
-        shown.draw(chart, "lssvm", "", lambda n: (x, [of[s, n] for s in _WIDE]))
-        shown.draw(chart, "truth", "", lambda s, n: _upright(s, of[s, n]))
-
-    add(known, train)
-    add(lost, bridged)
+    learned = shown.chart(
+        "Position error of the INS in y", x="time (s)", y="error (m)", xlim=(0, 30), ylim=(-20, 45)
+    )
+    shown.draw(learned, "network", "", (t[:heard:4], y[::4, 1]), style="points")
+    shown.draw(learned, "ins", "true", (t, error[:, 1]))
+    shown.draw(learned, "lssvm", "learned", lambda s, n: (t, said[s, n][:, 1]))
+    chart = shown.chart(
+        "Mean distance, by the width", x="width of the kernel (s), as a power of ten",
+        y="error (m)", xlim=(-1.1, 4.1), ylim=(0, 30),
+    )  # fmt: skip
+    _by_width(shown, chart, WIDTHS, {"in training": train, "in the outage": bridged})
     middle, ins = off((error - y.mean(axis=0))[heard:]), off(error[heard:])
-    for method, label, level in (("published", "mean", middle), ("ins", "INS", ins)):
-        shown.draw(lost, method, label, (x, np.full(len(x), level)))
-    shown.number("lssvm", "in training", lambda s, n: f"{train[s, n]:.2f} m")
-    shown.number("lssvm", "in the outage", lambda s, n: f"{bridged[s, n]:.1f} m")
-    shown.number("published", "the mean, in the outage", f"{middle:.1f} m")
+    for method, label, level in (("published", "mean", middle), ("ins", "INS alone", ins)):
+        shown.draw(chart, method, label, ([-1.1, 4.1], [level, level]))
+        shown.number(method, f"{label}, in the outage", f"{level:.1f} m")
+    shown.goal("mean error in the outage below 3 m", lambda s, n: bridged[s, n] < 3)
     shown.sentence(lambda s, n: (
         f"With the width {s:,g} s and the regularisation {n:,.0f}, the machine's error is "
         f"{train[s, n]:.2f} m in training and {bridged[s, n]:.1f} m in the outage, where that "
-        f"of the mean is {middle:.1f} m."
+        f"of the mean is {middle:.1f} m and that of the INS {ins:.1f} m."
     ))  # fmt: skip
-    best = min(bridged, key=bridged.__getitem__)
     shown.show(
         name="fig-l4-widths",
-        caption="The same machine on the same drive. A small error in training says nothing "
-        "about the outage.",
-        alt="Two charts over the width. With η = 1000 the error in training rises from "
-        f"{train[0.1, 1e3]:.2f} m to {train[1e4, 1e3]:.1f} m. In the outage it is "
-        f"{bridged[0.1, 1e3]:.1f} m at 0.1 s, {bridged[3.0, 1e3]:.1f} m at 3 s, "
-        f"{bridged[30.0, 1e3]:.1f} m at 30 s and {bridged[1e4, 1e3]:.1f} m at 10,000 s; the least "
-        f"of all pairs is {bridged[best]:.1f} m.",
+        caption="Until 20 s the machine sees how much the two instruments differ (dots). After "
+        "that it has only the clock, and what it has learned.",
     )
-
-
-def _upright(width: float, level: float) -> tuple[list[float], list[float]]:
-    """Return a line from zero up to a curve at a width."""
-    return [float(np.log10(width))] * 2, [0.0, level]
 
 
 def show_rehearsal(drive: Passage, bridge: Bridge) -> None:
@@ -217,80 +218,48 @@ def show_rehearsal(drive: Passage, bridge: Bridge) -> None:
     for kind in kinds:
         u = np.asarray(drive.inputs[kind])
         for s in widths:
-            losses = {n: off(bridge(u[:heard], y[:half], s, n) - y[half:]) for n in STRENGTHS[::2]}
+            losses = {n: off(bridge(u[:heard], y[:half], s, n) - y[half:]) for n in STRENGTHS}
             n = min(losses, key=losses.__getitem__)
-            rehearsed[kind, s] = losses[n]
-            bridged[kind, s] = off(bridge(u, y, s, n) - error[heard:])
+            rehearsed[s, kind] = losses[n]
+            bridged[s, kind] = off(bridge(u, y, s, n) - error[heard:])
     shown = Moving(
         "Rehearse an outage, then meet one",
-        Slider("kind", "input", kinds, "motion", "{}"),
+        Slider("n", "input", kinds, "motion", "{}"),
         Slider("s", "width (deviations)", widths, 0.1, "{:,.3g}"),
     )
-    axes = {"x": "width, as a power of ten", "y": "error (m)", "xlim": (-1.1, 3.1)}
-    charts = (
-        shown.chart("The rehearsal", ylim=(0, 30), **axes),
-        shown.chart("The outage", ylim=(0, 50), **axes),
-    )
-    x = np.log10(widths)
-
-    def add(chart: Chart, of: Mapping[tuple[str, float], float]) -> None:
-        shown.draw(chart, "lssvm", "", lambda kind: (x, [of[kind, s] for s in widths]))
-        shown.draw(chart, "truth", "", lambda kind, s: _upright(s, of[kind, s]))
-
-    add(charts[0], rehearsed)
-    add(charts[1], bridged)
+    chart = shown.chart(
+        "Mean distance, by the width", x="width, as a power of ten", y="error (m)",
+        xlim=(-1.1, 3.1), ylim=(0, 50),
+    )  # fmt: skip
+    _by_width(shown, chart, widths, {"rehearsed": rehearsed, "in the outage": bridged})
     ins = off(error[heard:])
-    shown.draw(charts[1], "ins", "INS", (x, np.full(len(x), ins)))
-    shown.number("lssvm", "rehearsed", lambda kind, s: f"{rehearsed[kind, s]:.1f} m")
-    shown.number("lssvm", "in the outage", lambda kind, s: f"{bridged[kind, s]:.1f} m")
+    shown.draw(chart, "ins", "INS", ([-1.1, 3.1], [ins, ins]))
     shown.number("ins", "INS alone, in the outage", f"{ins:.1f} m")
-    shown.sentence(lambda kind, s: (
-        f"With {kind} as the input and a width of {s:.3g} deviations, the machine's error is "
-        f"{rehearsed[kind, s]:.1f} m in the rehearsal and {bridged[kind, s]:.1f} m in the outage."
+    shown.sentence(lambda n, s: (
+        f"With {n} as the input and a width of {s:.3g} deviations, the machine's error is "
+        f"{rehearsed[s, n]:.1f} m in the rehearsal and {bridged[s, n]:.1f} m in the outage."
     ))  # fmt: skip
-    best = min(rehearsed, key=rehearsed.__getitem__)
     shown.show(
         name="fig-l4-rehearsal",
         caption="At each width, the regularisation is the one with the least error in the "
-        "rehearsal. The upper chart is known before the outage, the lower one only after it.",
-        alt=f"Two charts over the width. The least error in the rehearsal is {rehearsed[best]:.1f} "
-        f"m, with {best[0]} as the input. In the outage the error of the same machine is "
-        f"{bridged[best]:.1f} m, and that of the INS alone {ins:.1f} m.",
+        "rehearsal, which is known before the outage.",
     )
 
 
-def show_oracle(drive: Passage, machine: Machine) -> None:
-    """Show what a machine answers if it is fed with the true error, by its width."""
-    t, error, y, heard = _of(drive)
-    widths = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0]
-    said = {s: machine(error[:heard], y, s, 1e3)(error) for s in widths}
-    shown = Moving("Fed with the answer", Slider("s", "width of the kernel", widths, 1.0, "{:g}"))
-    time = {"x": "time (s)", "xlim": (0, 30)}
+def _by_width(
+    shown: Moving, chart: Chart, widths: list[float],
+    errors: Mapping[str, Mapping[tuple[float, Any], float]],
+) -> None:  # fmt: skip
+    """Draw two errors over the width, known before the outage and not, by the sliders s and n."""
+    x = np.log10(widths)
 
-    def add(i: int, title: str, unit: str, ends: tuple[float, float]) -> None:
-        chart = shown.chart(title, y=f"error ({unit})", ylim=ends, **time)
-        shown.draw(chart, "ins", "true", (t, error[:, i]))
-        shown.draw(chart, "lssvm", "answer", lambda s: (t, said[s][:, i]))
+    def add(method: str, label: str, of: Mapping[tuple[float, Any], float]) -> None:
+        shown.draw(chart, method, label, lambda n: (x, [of[s, n] for s in widths]))
+        shown.draw(chart, method, "", lambda s, n: ([np.log10(s)], [of[s, n]]), style="points")
+        shown.number(method, label, lambda s, n: f"{of[s, n]:.2f} m")
 
-    add(1, "Position error in y", "m", (-10.0, 20.0))
-    add(3, "Velocity error in y", "m/s", (-3.0, 3.0))
-    left = {s: abs(error - answers)[heard:].mean(axis=0) for s, answers in said.items()}
-    ins = abs(error)[heard:].mean(axis=0)
-    shown.number("ins", "INS alone, in the outage", f"{ins[1]:.1f} m, {ins[3]:.1f} m/s")
-    shown.number("lssvm", "corrected", lambda s: f"{left[s][1]:.1f} m, {left[s][3]:.1f} m/s")
-    shown.sentence(lambda s: (
-        f"With the width {s:g}, the errors in y after correction are {left[s][1]:.1f} m and "
-        f"{left[s][3]:.1f} m/s in the outage; those of the INS alone are {ins[1]:.1f} m and "
-        f"{ins[3]:.1f} m/s."
-    ))  # fmt: skip
-    shown.show(
-        name="fig-l4-oracle",
-        caption="The input is the true error of the INS, in training and in the outage, as in P1. "
-        "Subtract the input itself, and no error remains.",
-        alt=f"Two charts over 30 seconds. With the width 1000, the answer in position follows the "
-        f"true error to within {left[1000.0][1]:.1f} m on average. The answer in velocity does not:"
-        f" its error is {left[1000.0][3]:.1f} m/s, and that of the INS alone {ins[3]:.1f} m/s.",
-    )
+    for method, (label, of) in zip(("constant", "lssvm"), errors.items(), strict=True):
+        add(method, label, of)
 
 
 def show_rivals(
@@ -302,77 +271,51 @@ def show_rivals(
     """
     t, error, y, heard = _of(drive)
     inputs = {kind: np.asarray(drive.inputs[kind]) for kind in ("time", "motion")}
-    period = float(t[1] - t[0])
     begins, longest = [float(b) for b in range(8, 21)], len(error) - heard
-    lengths = [1, 2, 3, 5, 7, 10]
-
-    def samples(seconds: float) -> int:
-        return round(seconds / period)
-
     found: dict[str, dict[float, Array]] = {m: {} for m in ("ins", "network", "kalman", "lssvm")}
     for b in begins:
-        n = samples(b)
-        known, rows = np.vstack([y, np.full((longest, 4), np.nan)]), slice(n, n + longest)
+        rows = _after(t, b, longest)
+        n, known = rows.start, np.vstack([y, np.full((longest, 4), np.nan)])
         known[n:] = np.nan
         kind, sigma, eta = rehearse(inputs, y[:n])
         found["ins"][b] = distances(error[rows])
         found["network"][b] = distances(error[rows] - y[n - 1])
         found["kalman"][b] = distances((error - coast(known))[rows])
-        found["lssvm"][b] = distances(
-            error[rows] - bridge(inputs[kind], y[:n], sigma, eta)[:longest]
-        )
+        learned = bridge(inputs[kind], y[:n], sigma, eta)[:longest]
+        found["lssvm"][b] = distances(error[rows] - learned)
     shown = Moving(
         "When the network is lost, and for how long",
-        Slider("b", "lost at", begins, 20.0, "{:g} s"),
-        Slider("n", "for", lengths, 10, "{:g} s"),
+        Slider("b", "lost at", begins, 20.0, "{:g} s", plays=True),
+        Slider("n", "for", [2, 5, 10], 10, "{:g} s"),
     )
-    since = period * np.arange(longest)
+    since = t[:longest]
     chart = shown.chart(
         "Distance from the true position", x="time since the loss (s)", y="error (m)",
         xlim=(0, 10), ylim=(0, 40),
     )  # fmt: skip
-    labels = {
-        "ins": "INS alone", "network": "last fix held", "kalman": "Kalman, coasting",
-        "lssvm": "LS-SVM, rehearsed",
-    }  # fmt: skip
+    labels = dict(zip(found, ("INS alone", "last fix held", "Kalman", "LS-SVM"), strict=True))
+
+    def first(n: int) -> slice:
+        return slice(round(n / float(t[1])))
 
     def mean(method: str, b: float, n: int) -> float:
-        return float(found[method][b][: samples(n)].mean())
+        return float(found[method][b][first(n)].mean())
 
     def add(method: str, label: str) -> None:
-        of, short = found[method], label.partition(",")[0]
-        shown.draw(chart, method, short, lambda b, n: (since[: samples(n)], of[b][: samples(n)]))
+        of = found[method]
+        shown.draw(chart, method, label, lambda b, n: (since[first(n)], of[b][first(n)]))
         shown.number(method, label, lambda b, n: f"{mean(method, b, n):.1f} m")
 
     for method, label in labels.items():
         add(method, label)
-    indicated = inputs["motion"][:, 3]
-    turn = shown.chart(
-        "Velocity in y; dots: the outage", x="time (s)", y="m/s", xlim=(0, 30), ylim=(0, 8)
-    )
-    shown.draw(turn, "truth", "", (t, indicated), at=30)
-
-    def lost(b: float, n: int) -> tuple[Array, Array]:
-        rows = slice(samples(b), samples(b + n))
-        return t[rows], indicated[rows]
-
-    shown.draw(turn, "ins", "", lost, style="points")
-
-    def say(b: float, n: int) -> str:
-        means = {method: mean(method, b, n) for method in found}
-        return (
-            f"If the network is lost at {b:g} s for {n} s, the mean error of the INS alone is "
-            f"{means['ins']:.1f} m, of the last fix held {means['network']:.1f} m, of the Kalman "
-            f"filter {means['kalman']:.1f} m, and of the LS-SVM {means['lssvm']:.1f} m."
-        )
-
-    shown.sentence(say)
+    shown.sentence(lambda b, n: (
+        f"If the network is lost at {b:g} s for {n} s, the mean error is "
+        + ", ".join(f"{mean(m, b, n):.1f} m ({label})" for m, label in labels.items()) + "."
+    ))  # fmt: skip
     shown.show(
         name="fig-l4-rivals",
-        caption="Move the outage to a time before the turn, then into the turn. The LS-SVM is "
-        "rehearsed again for each outage.",
-        alt=f"Two charts. {say(20.0, 2)} {say(20.0, 10)} {say(10.0, 10)} The velocity in y is "
-        "steady until a turn begins at 18 s.",
+        caption="The Kalman filter has four states and coasts. The LS-SVM is rehearsed again for "
+        "each outage.",
     )
     return mean
 
@@ -380,60 +323,60 @@ def show_rivals(
 def show_heading(
     drives: Mapping[float, Passage], coast: Filter, knowing: Callable[..., Array]
 ) -> float:
-    """Show two filters in the outage, by what part of the heading's errors the INS has.
+    """Show two filters in outages, by when these begin and what error the heading has.
 
-    Returns the mean distance (m) of the four-state filter if it has none.
+    Returns the mean distance (m) of the four-state filter if it has none, lost at 20 s.
     """
-    shares = list(drives)
-    plain, turning, alone = {}, {}, {}
+    begins, names = [10.0, 18.0, 20.0], ("INS alone", "4 states", "5 states")
+    t, _, _, heard = _of(drives[1.0])
+    since, found = t[: len(t) - heard], {}
     for share, drive in drives.items():
-        t, error, _, heard = _of(drive)
-        y, velocity = drive.y, np.asarray(drive.inputs["motion"])[:, 2:]
-        alone[share] = distances(error[heard:])
-        plain[share] = distances((error - coast(y))[heard:])
-        turning[share] = distances((error - knowing(y, velocity)[:, :4])[heard:])
+        velocity = np.asarray(drive.inputs["motion"])[:, 2:]
+        for b in begins:
+            rows, y = _after(t, b, len(since)), drive.y.copy()
+            y[rows.start :] = np.nan
+            said = 0 * drive.error[rows], coast(y)[rows], knowing(y, velocity)[rows, :4]
+            for name, answers in zip(names, said, strict=True):
+                found[name, b, share] = distances(drive.error[rows] - answers)
     shown = Moving(
-        "What a turn does",
-        Slider("share", "heading error of the INS, as a factor", shares, 1.0, "{:g}"),
+        "A state for the heading",
+        Slider("b", "network lost at", begins, 20.0, "{:g} s"),
+        Slider("share", "error of the heading, times", list(drives), 1.0, "{:g}"),
     )
     chart = shown.chart(
         "Distance from the true position", x="time since the loss (s)",
-        y="error (m)", xlim=(0, 10), ylim=(0, 40),
+        y="error (m)", xlim=(0, 10), ylim=(0, 60),
     )  # fmt: skip
-    since = t[heard:] - t[heard]
 
-    def add(method: str, label: str, of: Mapping[float, Array], at: int) -> None:
-        shown.draw(chart, method, label, lambda share: (since, of[share]), at=at)
-        shown.number(method, label, lambda share: f"{of[share].mean():.1f} m")
+    def mean(name: str, b: float, share: float) -> str:
+        return f"{found[name, b, share].mean():.1f} m"
 
-    add("ins", "INS alone", alone, 8)
-    add("kalman", "4 states", plain, -1)
-    add("coloured", "5 states", turning, -1)
-    shown.sentence(lambda share: (
-        f"With the heading error times {share:g}, the mean error of the filter with four "
-        f"states is {plain[share].mean():.1f} m, with five {turning[share].mean():.1f} m, and "
-        f"of the INS alone {alone[share].mean():.1f} m."
+    def add(name: str, method: str) -> None:
+        shown.draw(chart, method, name, lambda b, share: (since, found[name, b, share]))
+        shown.number(method, name, lambda b, share: mean(name, b, share))
+
+    for name, method in zip(names, ("ins", "kalman", "coloured"), strict=True):
+        add(name, method)
+    shown.sentence(lambda b, share: (
+        f"Lost at {b:g} s, with the heading's error times {share:g}, the mean error is "
+        + ", ".join(f"{mean(name, b, share)} ({name})" for name in names) + "."
     ))  # fmt: skip
     shown.show(
         name="fig-l4-heading",
         caption="Without a heading error, even the four-state Kalman filter bridges the "
         "turn. With a fifth state, the error need not be removed.",
-        alt=f"Over ten seconds of outage, the mean error of the filter with four states is "
-        f"{plain[1.0].mean():.1f} m, and with five {turning[1.0].mean():.1f} m. Without an error "
-        f"in the heading it is {plain[0.0].mean():.1f} m and {turning[0.0].mean():.1f} m.",
     )
-    return float(plain[0.0].mean())
+    return float(found["4 states", 20.0, 0.0].mean())
 
 
 def hold(
     record: ChapterRecord, drive: Passage, said: Mapping[str, Array], machine: Machine,
     bridge: Bridge, rivals: Callable[[str, float, int], float], chosen: tuple[str, float, float],
     *, squares: Array, straight: float,
-) -> Any:  # fmt: skip
-    """Record what the lesson finds, hold its sentences against that, and return P1 Table 3."""
+) -> None:  # fmt: skip
+    """Record what the lesson finds, and hold its sentences against that."""
     for name in ("p1", "p1-inertial"):
         record.data(f"scenarios/{name}.yaml")
-    printed = read_rows(record.data("papers/p1-table3.csv"), index="method")
     t, error, y, heard = _of(drive)
     for name, e in said.items():
         record.note(f"off.{name}", off((error - e)[heard:]), "m", "Mean distance, first outage.")
@@ -449,13 +392,13 @@ def hold(
     u, half, (along, across) = np.asarray(drive.inputs[chosen[0]]), heard // 2, squares[:2]
     best = off(error[heard:] - bridge(u, y, *chosen[1:]))
     rehearsed = off(bridge(u[:heard], y[:half], *chosen[1:]) - y[half:])
-    for name, value in (("off.rehearsed", best), ("rehearsed", rehearsed)):
-        record.note(name, value, "m", "Mean distance, LS-SVM.")
+    record.note("off.rehearsed", best, "m", "Mean distance, LS-SVM.")
+    record.note("rehearsed", rehearsed, "m", "Mean distance, LS-SVM, in the rehearsal.")
     record.note("straight", straight, "m", "Kalman filter, no error of the heading.")
     taken = 100 * along / (along + 1000)
     for name, value in (("along", along), ("across", across), ("taken", taken)):
         record.note(name, value, "1", "Of the first two directions: squares, and %.")
-    answers = (machine(t[:heard, None], y, s, 1e3)(t[:, None]) for s in (0.1, *WIDTHS, 1e4))
+    answers = (machine(t[:heard, None], y, s, 1e3)(t[:, None]) for s in WIDTHS)
     widths = [off((error - answer)[heard:]) for answer in answers]
     mean = off((error - y.mean(axis=0))[heard:])
     record.holds("With some width the error is below 3 m.", min(widths) < 3)
@@ -471,26 +414,6 @@ def hold(
     oracle, ins = (abs(error - said[each])[heard:, 2:].mean() for each in ("oracle", "ins"))
     record.holds("The oracle's velocity is worse than that of the INS.", oracle > ins)
     record.write()
-    return printed
-
-
-def show_table3(printed: Any, sizes: Mapping[str, Array]) -> None:
-    """Show mean errors over those of the INS alone, as P1 prints them and in this run."""
-    cells = {"x": "rx1", "y": "ry1", "velocity in x": "vx1", "velocity in y": "vy1"}
-    p1, ins = (printed[method] for method in ("LS-SVM", "INS-only"))
-    shares = {name: dict(zip(cells, of / sizes["ins"], strict=True)) for name, of in sizes.items()}
-    rows = {
-        "LS-SVM, P1": ("published", {of: float(p1[c]) / float(ins[c]) for of, c in cells.items()}),
-        "LS-SVM, fed with the answer": ("lssvm", shares["oracle"]),
-        "Kalman, 4 states": ("kalman", shares["kalman"]),
-        "Kalman, 5 states": ("coloured", shares["knowing"]),
-    }
-    show_dots(
-        "P1 Table 3, and this run", "error in", rows, x="mean error over that of the INS alone",
-        xlim=(0, 2), name="fig-l4-table3",
-        caption="The first outage: P1's printed errors divided by those of its INS, and the "
-        "same ratios in this run.",
-    )  # fmt: skip
 
 
 def show_tables(record: ChapterRecord, outages: BridgedOutages) -> None:
@@ -499,7 +422,8 @@ def show_tables(record: ChapterRecord, outages: BridgedOutages) -> None:
     from inswsn_book.evidence import outage_tables as core  # noqa: PLC0415
     from inswsn_book.lessons.printed import Cell, show_printed  # noqa: PLC0415
 
-    printed = {n: read_rows(record.data(f"papers/p1-table{n}.csv"), i) for n, i in _INDEX.items()}
+    index = {1: "no", 3: "method"}  # the columns that name the rows
+    printed = {n: read_rows(record.data(f"papers/p1-table{n}.csv"), i) for n, i in index.items()}
     equal = {name: slug for slug, name in core.EQUAL.items()}
     slugs = {name: slug for slug, name in core.METHODS.items()}
 

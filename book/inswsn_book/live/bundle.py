@@ -17,7 +17,13 @@ from inswsn_lib.files import read_yaml
 _BOOK = (
     "__init__.py", "record/parameters.py", "show", "evidence", "lessons", "live",
 )  # fmt: skip
-_DATA = ("examples/*.csv", "papers/*.csv", "papers/*.yaml", "scenarios/*.yaml")
+_DATA = (
+    "examples/*.csv",
+    "papers/*.csv",
+    "papers/*.yaml",
+    "scenarios/*.yaml",
+    "recorded/p3-drive.json",
+)
 _PACKAGES = ("lazy_loader", "mpmath")  # that others made, of Python alone
 _TIME = (1980, 1, 1, 0, 0, 0)  # of every file, so that the same files make the same archive
 
