@@ -184,7 +184,7 @@ def test_parameters_become_fields(project: Project) -> None:
     assert len(lessons(project)) == 8
     (chapter,) = (each for each in lessons(project) if each.id == "lesson-2")
     measured = [Measured("", 0.123, "", []), *[Measured("scipy", 0, "", [])] * 17]
-    told = about_lesson(chapter, measured)
+    told = about_lesson(project, chapter, measured)
     seed, q_scale, *_ = told["parameters"]
     assert (seed["name"], seed["whole"], seed["low"], seed["high"]) == ("seed", True, 0, 1000000)
     assert (q_scale["value"], q_scale["low"]) == (1.0, 1e-4)

@@ -132,7 +132,7 @@
 
     root.append(
       make("h2", { id: "own-data-heading" }, "Your file in this page"),
-      make("p", {}, "Python runs in this page and filters your recording as this chapter does. The file does not leave your machine. That it fits the form is checked here; delays, frames and outliers are looked for by inswsn run your-own-data alone."),
+      make("p", {}, "Python runs in this page and filters your recording as this chapter does. The file does not leave your machine. That it fits the form is checked, and delays, axes, units and outliers are looked for, as inswsn run your-own-data does."),
       drop,
       make("details", {}, make("summary", {}, "Noise figures of the filter (standard deviations)"),
         make("div", { class: "own-data-figures" }, ...fields.map(({ field }) => field), again)),
