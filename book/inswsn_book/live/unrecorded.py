@@ -36,6 +36,11 @@ class ChapterRecord:
     def __init__(self, *_: object, **__: object) -> None:
         pass
 
+    @property
+    def schema(self) -> None:
+        """Tell that the page has no table of parameters: its fields stand at their cell."""
+        raise AbsentError("pandas")
+
     def data(self, name: str) -> Path:
         """Return the path of a file, if the page has it."""
         try:
