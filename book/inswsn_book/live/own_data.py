@@ -117,7 +117,7 @@ def examine(text: str, options: Mapping[str, Any]) -> Examined:
         figure: number(figure, options.get(figure, known.usual), above=0, below=known.below)
         for figure, known in FIGURES.items()
     }
-    data = _read(name, text)
+    data = read(name, text)
     if not np.isfinite(data.ins - data.wsn).any():
         raise InswsnError(f"{name} has no fix where the INS has a row.")
     model, initial = _assumed(data.period, figures)
@@ -127,7 +127,7 @@ def examine(text: str, options: Mapping[str, Any]) -> Examined:
     return Examined(name, data, filtered, findings, white, errors, _expected(data))
 
 
-def _read(name: str, text: str) -> TrackPair:
+def read(name: str, text: str) -> TrackPair:
     """Return the recording in a text; refuse one that would keep the page busy for minutes."""
     instead = (
         f"this page takes at most {MOST}, inswsn run your-own-data -p recording={name} any number"

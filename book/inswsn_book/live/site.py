@@ -58,7 +58,8 @@ def put_in(project: Project, site: Path, progress: Progress) -> None:
         path = site / "chapters" / f"{chapter.name}.html"
         if not path.is_file():
             continue
-        about = about_lesson(project, chapter, found) | {"megabytes": megabytes, "noise": noise}
+        about = about_lesson(project, chapter, found) | {"megabytes": megabytes}
+        about["noise"] = noise if chapter.name == "your-own-data" else []
         page = with_cells(path.read_text(encoding="utf-8"), "../", about)
         path.write_text(with_policy(page, policy_of(page)), encoding="utf-8")
 

@@ -30,13 +30,14 @@ if TYPE_CHECKING:
 
 EXAMPLE = iw.data_file("examples/ins-wsn.csv")
 TEXT = EXAMPLE.read_text(encoding="utf-8")
-# The example with numpy alone, as in a page; what it finds goes to the standard output
+# A file with numpy alone, as in a page; what is found goes to the standard output
 ALONE = """
 import json, sys
 from inswsn_book.live import absent
 absent.block()
-from inswsn_book.live.own_page import look
+from inswsn_book.live import own_page, which_page
 text, options = json.load(sys.stdin)
+look = which_page.decide if options.pop("which", False) else own_page.look
 print(json.dumps(look(text, options), allow_nan=False))
 """
 
@@ -174,9 +175,10 @@ def test_nothing_but_numpy_is_needed(shown: dict[str, Any]) -> None:
             np.testing.assert_allclose(here["values"][0], there["values"][0], atol=0.01)
 
 
-def looked_at_alone(text: str) -> dict[str, Any]:
+def looked_at_alone(text: str, **options: Any) -> dict[str, Any]:
     done = subprocess.run(
-        [sys.executable, "-c", ALONE], input=json.dumps([text, {"name": "ins-wsn.csv"}]),
+        [sys.executable, "-c", ALONE],
+        input=json.dumps([text, {"name": "ins-wsn.csv"} | options]),
         capture_output=True, text=True, check=True, timeout=120,
     )  # fmt: skip
     return dict(json.loads(done.stdout))
@@ -193,20 +195,25 @@ def late() -> pd.DataFrame:
     return made
 
 
-def lasting() -> pd.DataFrame:
-    """Of 400 s: errors of fixes that last 3 s, of an INS that drifts from its start."""
+def lasting(tau: float = 3.0, wilder: float = 1.0) -> pd.DataFrame:
+    """Of 400 s: errors of fixes that last, and an INS whose drift is as wild from 80 s on."""
     rng, T, n = np.random.default_rng(3), 0.2, 2000
-    fades = np.exp(-T / 3)
+    fades = np.exp(-T / tau) if tau else 0.0
     errors = rng.normal(size=(n, 4)) * [0.2, 0.2, 0.1, 0.1]
     for k in range(1, n):
         errors[k] = fades * errors[k - 1] + np.sqrt(1 - fades**2) * errors[k]
-    off = np.cumsum(rng.normal(size=(n, 2)) * 0.02, axis=0)
+    sizes = np.where(np.arange(n) < 80 / T, 0.02, 0.02 * wilder)
+    off = np.cumsum(rng.normal(size=(n, 2)) * sizes[:, None], axis=0)
     drift = np.hstack([np.cumsum(off, axis=0) * T, off])
     t = T * np.arange(n)
     way = np.column_stack([9 * np.sin(t / 9), 7 * np.cos(t / 7), np.cos(t / 9), -np.sin(t / 7)])
     names = [*iw.logs.INS, *iw.logs.WSN, *iw.logs.REFERENCE]
     made = pd.DataFrame(np.hstack([way + drift, way + errors, way]), columns=names)
     return made.assign(time_s=t).round(4)
+
+
+def wild() -> pd.DataFrame:
+    return lasting(tau=0.0, wilder=50.0)
 
 
 @pytest.mark.parametrize(
