@@ -193,9 +193,9 @@ def _expected(data: TrackPair) -> tuple[float, float] | str:
     """Return what a filter is expected to leave of the errors of fixes, or why that is unknown."""
     if data.reference is None:
         return "The file has no reference, so that the errors are unknown."
-    fixes = np.flatnonzero(np.isfinite(data.wsn).any(axis=1))
-    usual = usual_spacing(np.isfinite(data.wsn).any(axis=1))
-    rows = slice(int(fixes[0]), None, usual)
+    there = np.asarray(np.isfinite(data.wsn).any(axis=1))
+    usual = usual_spacing(there)
+    rows = slice(int(np.argmax(there)), None, usual)
     ins, network = ((each - data.reference)[rows] for each in (data.ins, data.wsn))
     try:
         return ErrorStatistics.of(ins, network, usual * data.period).ratios()

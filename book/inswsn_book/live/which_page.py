@@ -55,7 +55,7 @@ class Fit:
         """Return the model of an axis, with the drift's variance times a factor."""
         step = np.sqrt(self.density * self.period * factor)
         model = ErrorModel(
-            A=[[1, self.period], [0, 1]], B=np.diag([step * self.period / 2, step]),
+            A=np.array([[1, self.period], [0, 1]]), B=np.diag([step * self.period / 2, step]),
             C=np.eye(2)[: len(self.noise)], D=np.diag(self.noise), period=self.period,
         )  # fmt: skip
         return model.with_coloured_noise(self.lasts, self.white) if self.lasts else model
@@ -111,12 +111,12 @@ class Run:
         left, S = (x[_SETTLED:] for x in (self.innovations, self.design.innovation))
         there = np.isfinite(left[:, 0, 0])
         sizes = 2 * float(np.linalg.slogdet(S[there])[1].sum())
-        return -0.5 * (np.isfinite(left).sum() * float(np.log(self.nis)) + sizes)
+        return -0.5 * (int(np.isfinite(left).sum()) * float(np.log(self.nis)) + sizes)
 
 
 def measured(data: TrackPair) -> tuple[Array, float, slice]:
     """Return INS less network at fixes (fixes, components, axes), their interval, and the rows."""
-    there = np.isfinite(data.wsn[:, :2]).all(axis=1)
+    there = np.asarray(np.isfinite(data.wsn[:, :2]).all(axis=1))
     usual = usual_spacing(there)
     rows = slice(int(np.argmax(there)), None, usual)
     y = (data.ins - data.wsn)[rows].reshape(-1, 2, 2)
@@ -185,7 +185,7 @@ def decide(text: str, options: Mapping[str, Any]) -> dict[str, Any]:
     unlike = (max(low for low, _ in halves) / min(high for _, high in halves)) ** 1.5
     chosen = "kalman" if not found.lasts else "none" if kept[0] > _HELPLESS else "lasting"
     chosen = "worst" if unlike > _KNOWN else chosen
-    S = np.kron(run.design.innovation, np.eye(2))
+    S: Array = np.kron(run.design.innovation, np.eye(2)).astype(float)
     checks = check_filter(run.innovations.reshape(len(y), -1), S)
     sentences = [
         *_answers(data, found, wide, unlike, kept),
@@ -238,7 +238,8 @@ def _answers(data: TrackPair, found: Fit, wide: float, unlike: float, kept: Arra
         yield "3. Errors of fixes are independent: there is no sign that they last."
     longest = max((j - i for i, j in data.outages), default=0) * data.period
     coasts = "yes" if longest > found.holds else "no"
-    yield f"4. Fixes stop for longer than the INS holds: {coasts}. The longest gap is {longest:.3g} s."
+    gap = f"The longest gap is {longest:.3g} s."
+    yield f"4. Fixes stop for longer than the INS holds: {coasts}. {gap}"
     yield "5 and 6. Of other networks and of wheels a file with one network tells nothing."
 
 

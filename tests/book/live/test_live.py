@@ -157,7 +157,7 @@ def test_the_archive_is_the_same_each_time_and_has_data_that_json_can_read(
         licences = [name for name in names if name.rpartition("/")[2].startswith("LICENSE")]
         assert len(licences) == 2  # of mpmath and lazy_loader, which others made
         values = json.loads(packed.read("inswsn_lib/data/published.json"))
-    said = {q.name: q.value for q in published["p2-fusion"].quantities}
+    said = {q.name: [q.value, *(q.interval or ())] for q in published["p2-fusion"].quantities}
     assert values["p2-fusion"] == said
 
 

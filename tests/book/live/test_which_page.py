@@ -42,7 +42,7 @@ def test_white_noise_takes_the_kalman_filter_whose_code_runs(
 @pytest.mark.parametrize(
     ("made", "taken", "code"),
     [
-        (lambda: lasting(), "errors that last", "with_coloured_noise(3"),
+        (lasting, "errors that last", "with_coloured_noise(3"),
         (wild, "the H-infinity filter", "design_filter(model)"),
         (lambda: lasting(tau=0.0), "the Kalman filter;", "run_kalman(model"),
     ],
