@@ -117,15 +117,15 @@ def show_means(period: float) -> None:
     shown.draw(chart, "constant", "independent", (COUNTS, COUNTS**-0.5), at=60)
     shown.draw(chart, "coloured", "", lambda t: (COUNTS, found[t]))
     shown.number("coloured", "100 fixes are worth", lambda t: f"{worth[t]:.1f} independent ones")
-    shown.sentence(
-        lambda t: f"If errors last {t:g} s, 100 fixes are worth {worth[t]:.1f} independent ones."
-    )
+
+    def said(t: float) -> str:
+        return f"If errors last {t:g} s, 100 fixes are worth {worth[t]:.1f} independent ones."
+
+    shown.sentence(said)
     shown.show(
         name="fig-l8-means",
         caption="If errors last, a mean of more fixes is hardly better: all have similar errors.",
-        alt="The error of a mean over the number of fixes. A hundred, at five a second, are worth "
-        + ", ".join(f"{w:.1f} if errors last {t:g} s" for t, w in worth.items())
-        + ".",
+        alt=said(2.0),
     )
 
 
@@ -165,23 +165,19 @@ def show_recorded(table: Table) -> None:
         chart, "coloured", "your curve", lambda t, w: (fine, (1 - w) * np.exp(-fine / t)), at=30
     )
     shown.number("coloured", "mean misfit", lambda r, t, w: f"{misfit(lags, seen[r], t, w):.3f}")
-    shown.sentence(
-        lambda r, t, w: (
-            f"For the {r}, a curve that fades in {t:g} s with a white share of {w:.0%} has a mean "
-            f"misfit of {misfit(lags, seen[r], t, w):.3f}."
+
+    def said(r: str, t: float, w: float) -> str:
+        left = misfit(lags, seen[r], t, w)
+        return (
+            f"{r}: a curve that fades in {t:g} s, {w:.0%} white, has a mean misfit of {left:.3f}."
         )
-    )
-    best = {r: nearest(table, r) for r in RECORDINGS}
+
+    shown.sentence(said)
     shown.show(
         name="fig-l8-recorded",
         caption="Dots are recorded. Fit a curve to them: choose how fast it fades, and how much of "
         "the error is white and gone at the next fix.",
-        alt="The autocorrelation of recorded errors of fixes over the lag. The nearest curves: "
-        + "; ".join(
-            f"{r}, {t:g} s and {w:.0%} white, mean misfit {misfit(lags, seen[r], t, w):.2f}"
-            for r, (t, w) in best.items()
-        )
-        + ".",
+        alt=said("room", *nearest(table)),
     )
 
 
@@ -217,38 +213,29 @@ def show_many(found: Mapping[tuple[str, float], tuple[float, float]]) -> None:
     """Show over many runs the errors of both filters and how often they are in their band."""
     lasting = [tau for name, tau in found if name == "coloured"]
     shown = Moving("Over many runs", Slider("t", "errors of fixes last", lasting, 0.2, "{:g} s"))
-
-    def chart(at: int, title: str, unit: str, limit: tuple[float, float], level: float) -> None:
-        here = shown.chart(title, x="errors of fixes last (s)", y=unit, xlim=(0, 5), ylim=limit)
-        shown.draw(here, "published", "", ([0.0, 5.0], [level, level]))
-        shown.draw(here, "published", "", lambda t: ([t, t], [*limit]))
+    form = "{:.2f} times the error of fixes, {:.0f} % of errors in its band"
+    ratio = shown.chart("Error", x="errors last (s)", y="fixes = 1", xlim=(0, 5), ylim=(0.4, 1.3))
+    band = shown.chart("In its band", x="errors last (s)", y="%", xlim=(0, 5), ylim=(0, 105))
+    for at, (chart, level) in enumerate(((ratio, 1.0), (band, 95.0))):
+        shown.draw(chart, "published", "", ([0.0, 5.0], [level, level]))
         for name, label in LABELS.items():
             there = [tau for n, tau in found if n == name]
-            shown.draw(here, name, label, (there, [found[name, tau][at] for tau in there]))
-
-    def number(name: str) -> None:
-        shown.number(
-            name, LABELS[name], lambda t: "{:.2f}, in band {:.0f} %".format(*found[name, t])
-        )
-
-    chart(0, "Position error over that of the fixes", "ratio", (0.4, 1.3), 1.0)
-    chart(1, "Errors inside the filter's own band", "%", (0, 105), 95.0)
-    number("kalman")
-    number("coloured")
+            shown.draw(chart, name, label, (there, [found[name, tau][at] for tau in there]))
+    shown.draw(ratio, "kalman", "", lambda t: ([t], [found["kalman", t][0]]), style="points")
+    shown.draw(ratio, "coloured", "", lambda t: ([t], [found["coloured", t][0]]), style="points")
+    shown.number("kalman", LABELS["kalman"], lambda t: form.format(*found["kalman", t]))
+    shown.number("coloured", LABELS["coloured"], lambda t: form.format(*found["coloured", t]))
 
     def said(t: float) -> str:
-        return (
-            f"If errors last {t:g} s, the filter that assumes white errors has "
-            "{:.2f} times the error of the fixes, with {:.0f} % of errors in its band; "
-            "the augmented filter has {:.2f} times, with {:.0f} %."
-        ).format(*found["kalman", t], *found["coloured", t])
+        each = (f"{label}: {form.format(*found[name, t])}" for name, label in LABELS.items())
+        return f"If errors of fixes last {t:g} s: {'; '.join(each)}."
 
     shown.sentence(said)
     shown.show(
         name="fig-l8-many",
         caption=f"{MANY} simulated runs. Beyond what correlation time does the filter that "
         "assumes white errors become worse than the fixes?",
-        alt=" ".join(map(said, lasting)),
+        alt=said(0.2),
     )
 
 
@@ -280,20 +267,15 @@ def show_left(seed: int) -> None:
     shown.draw(chart, "kalman", "simulated", ([*found], [*found.values()]), style="points")
     shown.draw(chart, "published", "", lambda k: ([k, k], [0.0, 1.0]))
     shown.number("kalman", "simulated", lambda k: f"{found[k]:.2f}")
-    shown.sentence(
-        lambda k: (
-            f"If 2τ is {k:g} times the hold time, a filter leaves {found[k]:.2f} of the error of a "
-            "fix."
-        )
-    )
+
+    def said(k: float) -> str:
+        return f"If 2τ is {k:g} times the hold time, {found[k]:.2f} of the error of a fix is left."
+
+    shown.sentence(said)
     shown.show(
         name="fig-l8-left",
         caption="The formula, and filters in a simulation with five fixes a second.",
-        alt="What a filter leaves of the error of a fix, simulated: "
-        + ", ".join(
-            f"{left:.2f} where 2τ is {k:g} times the hold time" for k, left in found.items()
-        )
-        + ".",
+        alt=said(1.0),
     )
 
 
@@ -432,7 +414,7 @@ def show_innovations(runs: Mapping[float, ExampleRun], knowing: Filter) -> None:
         name="fig-l8-innovations",
         caption="The grey band is the range expected by chance if the innovations are "
         "uncorrelated.",
-        alt=" ".join(map(said, lasting)),
+        alt=said(2.0),
     )
 
 
@@ -445,45 +427,35 @@ def overtaken(profile: Table) -> float:
 
 def show_bridges(profile: Table) -> None:
     """Show the error as time passes without fixes, in the room."""
-    time = np.array(profile.index, dtype=float)
+    time, top = np.array(profile.index, dtype=float), 5.0
     every = [round(float(t), 1) for t in np.arange(1, 10.1, 0.5)]
-    top = 5.0
-
-    def at(name: str, s: float) -> float:
-        return float(np.interp(s, time, profile.of(BRIDGES[name][1])))
-
+    errors = {name: (method, profile.of(column)) for name, (method, column) in BRIDGES.items()}
     shown = Moving("Without fixes", Slider("s", "time without fixes", every, 1.0, "{:g} s"))
     chart = shown.chart(
         "RMS position error (m)", x="time without fixes (s)", y="m", xlim=(0, 10), ylim=(0, top)
     )
     shown.draw(chart, "published", "", lambda s: ([s, s], [0.0, top]))
 
-    def add(name: str) -> None:
-        method, column = BRIDGES[name]
-        values = profile.of(column)
+    def at(name: str, s: float) -> str:
+        return f"{np.interp(s, time, errors[name][1]):.2f} m"
+
+    def draw(name: str, method: str, values: Array) -> None:
         drawn = int(np.argmax(values > top)) or len(values)  # as far as the chart goes
         shown.draw(chart, method, name, (time[:drawn], values[:drawn]))
-        shown.number(method, name, lambda s: f"{at(name, s):.2f} m")
+        shown.number(method, name, lambda s: at(name, s))
 
-    for name in BRIDGES:
-        add(name)
-    shown.sentence(
-        lambda s: (
-            f"After {s:g} s without fixes: "
-            + ", ".join(f"{name} {at(name, s):.2f} m" for name in BRIDGES)
-            + "."
-        )
-    )
+    for name, of in errors.items():
+        draw(name, *of)
+
+    def said(s: float) -> str:
+        return f"After {s:g} s without fixes: {', '.join(f'{n} {at(n, s)}' for n in errors)}."
+
+    shown.sentence(said)
     shown.show(
         name="fig-l8-bridges",
         caption="Outages in the room, emulated in one recording. Standing still at the last fix "
         "takes no computation at all.",
-        alt="RMS position error over the time without fixes: "
-        + "; ".join(
-            f"after {s:g} s, " + ", ".join(f"{name} {at(name, s):.2f} m" for name in BRIDGES)
-            for s in (2.0, 5.0, 10.0)
-        )
-        + ".",
+        alt=said(5.0),
     )
 
 
