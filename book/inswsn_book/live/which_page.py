@@ -261,9 +261,9 @@ def _figure(name: str, data: TrackPair, found: Fit, y: Array, rows: slice) -> Mo
     what = "position" if data.reference is not None else "the next fix, as predicted"
     what, top = f"RMS error of {what}", 1.1 * min(max(sizes.values()), 5 * sizes[1.0])
     slider = Slider("q", "assumed Q over the fitted one", _FACTORS, 1.0)
-    shown = Moving(f"Both ways of being wrong about Q in {name}", slider)
+    shown = Moving(f"What {name} answers", slider)
     chart = shown.chart(
-        f"{what} (m)",
+        f"Both ways of being wrong about Q: {what}",
         x="assumed Q over the fitted one (power of ten)",
         y="m",
         xlim=(-3, 3),

@@ -113,7 +113,7 @@
 
     const takeFile = (chosen) => chosen && take(chosen.name, chosen.size, () => chosen.arrayBuffer());
     const drop = make("div", { class: "own-data-drop" },
-      make("label", { for: file.id }, "Choose a CSV file of the form below, or drop one here"), file, example);
+      make("label", { for: file.id }, "Choose a CSV file with an INS and a network, or drop one here"), file, example);
     file.addEventListener("change", () => takeFile(file.files[0]));
     file.addEventListener("click", () => { file.value = ""; }); // the same file may be chosen again
     example.addEventListener("click", () => take("ins-wsn.csv", 0, async () => {
