@@ -41,6 +41,8 @@
   const given = new WeakMap();
 
   function mark(box, name) {
+    box.dataset.scrolls = "";
+    if (box.isContentEditable) return; // live.js has named it
     if (!given.has(box)) {
       const own = [];
       if (box.localName !== "figure") own.push("role");
@@ -49,16 +51,16 @@
     }
     const mine = given.get(box);
     box.tabIndex = 0;
-    box.dataset.scrolls = "";
     if (mine.includes("role")) box.setAttribute("role", "group");
     if (mine.includes("aria-label"))
       box.setAttribute("aria-label", `${numbered(box) || name}, scrolls sideways`);
   }
 
   function unmark(box) {
+    delete box.dataset.scrolls;
+    if (box.isContentEditable) return;
     for (const attribute of given.get(box) ?? []) box.removeAttribute(attribute);
     given.delete(box);
-    delete box.dataset.scrolls;
     box.removeAttribute("tabindex");
   }
 

@@ -198,14 +198,16 @@ def mean_bounds(count: int, degrees: int, probability: float = 0.95) -> tuple[fl
     whole("count", count, 1)
     whole("degrees", degrees, 1)
     tail = (1 - number("probability", probability, above=0, below=1)) / 2
-    of_sum = (_chi_square(level, count * degrees) for level in (tail, 1 - tail))
+    of_sum = (chi_square(level, count * degrees) for level in (tail, 1 - tail))
     low, high = (quantile / count for quantile in of_sum)
     return low, high
 
 
 @cache
-def _chi_square(level: float, degrees: float) -> float:
+def chi_square(level: float, degrees: float) -> float:
     """Return a quantile of the chi-square distribution, by halving an interval that holds it.
+
+    `level` is the probability of less, `degrees` those of freedom.
 
     The distribution function is the power series of the incomplete gamma function (Abramowitz and
     Stegun 1964, 6.5.29).
@@ -266,7 +268,7 @@ def mean_square(mean: float, degrees: float) -> Statistic:
     """
     tail = FALSE_ALARM / 2
     count = min(float(degrees), float(_TELL))
-    low, high = (_chi_square(level, count) / count for level in (tail, 1 - tail))
+    low, high = (chi_square(level, count) / count for level in (tail, 1 - tail))
     return Statistic(float(mean), low, high)
 
 
@@ -322,7 +324,7 @@ def whiteness(innovations: Sequence[ArrayLike], spacing: int = 1) -> Statistic:
     found = [_UNTOLD]
     for x in series:
         lags = min(_MOST_LAGS, _pairs(x, spacing) // _PER_LAG)
-        bound = _chi_square(1 - FALSE_ALARM / len(series), lags)
+        bound = chi_square(1 - FALSE_ALARM / len(series), lags)
         bound *= max(1.0, _pairs(x, spacing) / _TELL)
         found.append(Statistic(ljung_box(x, lags, spacing), 0.0, bound))
     return max(found, key=_excess)

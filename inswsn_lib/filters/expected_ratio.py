@@ -11,13 +11,14 @@ from numpy.typing import ArrayLike
 from inswsn_lib.checks import Array, array, number
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.evaluation import autocorrelation
-from inswsn_lib.filters.kalman import predicted_covariance, predictor_gain, run_kalman
+from inswsn_lib.filters.kalman import run_kalman
 from inswsn_lib.models import ErrorModel
 
 # Of the time that the INS holds, over which lags are taken; how many lags, and how many errors for
 # each; how often errors must have faded, and the INS drifted, in a series
 _SHARE, _FEWEST, _MOST, _PER_LAG, _MEMORIES = 0.5, 2, 12, 12, 10.0
 _WHITE = 0.01  # deviations, of a measurement that is not in the states
+_DOUBLED = 30  # times a step of the filter: more than its memory
 _ROUNDS = 20  # in which the INS's drift and the noise of its velocity are told apart
 
 
@@ -207,8 +208,7 @@ class ErrorStatistics:
         Of the steady state of the Kalman filter of `model`, after a fix.
         """
         model = self.model(white=white)
-        C, L = model.C, model.L
-        P = predicted_covariance(model, predictor_gain(model))
+        C, L, P = model.C, model.L, _steady(model)
         K = np.linalg.solve(C @ P @ C.T + model.measurement_covariance, C @ P).T
         left = np.sqrt(np.diag(L @ (P - K @ C @ P) @ L.T))
         position, velocity = (left / self.size).tolist()
@@ -247,6 +247,21 @@ class ErrorStatistics:
         transition[:2] = ahead
         values, vectors = np.linalg.eigh(R[0] - ahead @ with_next.T)
         return transition, (vectors * np.maximum(values, 0.0)) @ vectors.T
+
+
+def _steady(model: ErrorModel) -> Array:
+    """Return the covariance of the predicted state in the steady state, (n, n).
+
+    The Riccati equation is solved by doubling (Chu, Fan, Lin and Wang 2004), in numpy alone: what
+    2^k steps of the filter do to a covariance is made of what 2^(k-1) do.
+    """
+    A, P = model.A.T, model.process_covariance
+    G = model.C.T @ np.linalg.solve(model.measurement_covariance, model.C)
+    for _ in range(_DOUBLED):
+        AW = np.linalg.solve((np.eye(len(P)) + G @ P).T, A.T).T
+        WA = np.linalg.solve(np.eye(len(P)) + G @ P, A)
+        A, G, P = AW @ A, G + AW @ G @ A.T, P + A.T @ P @ WA
+    return np.asarray((P + P.T) / 2)
 
 
 def _drift(velocity: Array, period: float, size: float) -> tuple[float, float]:

@@ -2,22 +2,27 @@
 
 Each check compares one number with a bound that a recording which fits exceeds by chance once in a
 thousand times, or less often. A mistake that the data cannot show, as a late network while nothing
-moves, is told to be one.
+moves, is told to be one. It needs numpy alone: the page on your own data calls it in a browser.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
+from mpmath import betainc
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import minimize
-from scipy.stats import chi2, f, norm, poisson
 
 from inswsn_lib.checks import Array, covariance, positive_definite
 from inswsn_lib.errors import Described, ParameterError
-from inswsn_lib.evaluation import independent_count, mean_square, normalised_squares
+from inswsn_lib.evaluation.consistency import (
+    chi_square,
+    independent_count,
+    mean_square,
+    normalised_squares,
+)
 from inswsn_lib.filters import design_kalman, run_kalman
 from inswsn_lib.logs.filter_checks import check_filter
 from inswsn_lib.logs.findings import FALSE_ALARM, Finding, judged, unknown
@@ -136,7 +141,7 @@ def _repeats(data: TrackPair, model: ErrorModel) -> Finding:
             continue
         again = int(np.sum(there[1:] == there[:-1]))
         chance = min(1.0, _resolution(there) / (np.sqrt(4 * np.pi) * size))
-        most = float(poisson.isf(FALSE_ALARM / 4, there.size * chance)) + 1
+        most = _most_of(there.size * chance, FALSE_ALARM / 4) + 1
         if again > most and again - most > worst.value - worst.high:
             says = f"{name} repeats {again} times: stuck, clipped, held, or a number for no fix"
             worst = Finding("repeats", "network", again, 0, most, False, says)
@@ -178,20 +183,24 @@ def _innovations(data: TrackPair, model: ErrorModel, P0: Array) -> Iterator[Find
     fixes = np.flatnonzero(counts)
     squares, counts = each[fixes], counts[fixes]
     # what stands out does so beside the others, however large they are
-    scale = max(1.0, float(np.median(squares / chi2.median(counts))))
-    value, bound = float(squares[0]) / scale, float(chi2.isf(FALSE_ALARM, counts[0]))
+    scale = max(1.0, float(np.median(squares / _chi_squares(0.5, counts))))
+    value, bound = float(squares[0]) / scale, chi_square(1 - FALSE_ALARM, int(counts[0]))
     says = (
         f"the first fix is {np.sqrt(value / counts[0]):.1f} times as far as the initial errors "
         "say: they are too small, or the network has another origin"
     )
     right = "the first fix is as near as the initial errors say"
     yield judged("start", "first fix", value, 0, bound, right, says)
-    chance = chi2.sf(squares[1:] / scale, counts[1:])
-    count = int(np.sum(chance < FALSE_ALARM / len(fixes)))
-    at = data.time[fixes[1:]][np.argmin(chance)] if len(chance) else np.nan
+    far = squares[1:] / scale / _chi_squares(1 - FALSE_ALARM / len(fixes), counts[1:])
+    count = int(np.sum(far > 1))
+    at = data.time[fixes[1:]][np.argmax(far)] if len(far) else np.nan
     says = f"{count} fixes stand out, most that at {at:.6g} s: wrong fixes, a jump"
     yield judged("outliers", "fixes", count, 0, 0, "none stands out", says)
     yield from check_filter(left, S)
+
+
+def _chi_squares(level: float, degrees: NDArray[np.int64]) -> Array:
+    return np.array([chi_square(level, each) for each in degrees.tolist()])
 
 
 def _against_reference(data: TrackPair, model: ErrorModel, *, sized: bool) -> Iterator[Finding]:
@@ -212,7 +221,7 @@ def _against_reference(data: TrackPair, model: ErrorModel, *, sized: bool) -> It
     # errors of the network that last count as fewer
     independent = independent_count(free[there.any(axis=1)])
     z = float(np.abs(shift / sigma[:2]).max() * np.sqrt(independent / max(1.0, mean)))
-    bound = float(norm.isf(FALSE_ALARM / 4))
+    bound = -NormalDist().inv_cdf(FALSE_ALARM / 4)
     says = f"they are ({shift[0]:.3g}, {shift[1]:.3g}) m apart on average: another origin"
     yield judged("origin", who, z, 0, bound, "network and reference have one origin", says)
     size = mean_square(mean, independent * there.sum() / there.any(axis=1).sum())
@@ -238,9 +247,9 @@ def _aligned(who: str, found: Alignment) -> Iterator[Finding]:
     else:
         gain = share * (best.rival - best.squares) / variance
         level, rest = FALSE_ALARM / _TRIED, max(1.0, share * found.values)
-        if gain > best.parameters * float(f.isf(level, best.parameters, rest)):
+        if gain > best.parameters * _f_bound(level, best.parameters, rest):
             wrong = best
-    far = float(norm.isf(FALSE_ALARM / (2 * _TRIED)) * np.sqrt(variance / share))
+    far = -NormalDist().inv_cdf(FALSE_ALARM / (2 * _TRIED)) * float(np.sqrt(variance / share))
     late, turned = (far * each for each in found.deviations())
     values = {
         "time": (tries[0].value, late, _LAG),
@@ -326,9 +335,18 @@ class Alignment:
 
         lags = np.linspace(-self._reach, self._reach, 2 * max(1, round(self._reach / _SPACING)) + 1)
         begin = min(([float(lag), 0.0][:count] for lag in lags), key=lambda x: squares(np.array(x)))
-        simplex = np.vstack([begin, begin + np.diag([_SPACING, 0.01])[:count, :count]])
-        how = {"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-2}
-        return np.asarray(minimize(squares, begin, method="Nelder-Mead", options=how).x)
+        late, steps = np.array(begin), np.diag([_SPACING, 0.01])[:count, :count]
+        least, worst = squares(late), np.inf
+        # to a step either way along each axis, or half as far, until that changes next to nothing
+        while steps[0, 0] > 1e-9 and (steps[0, 0] > 1e-4 or worst > least + 1e-2):
+            tried = [late + step for step in (*steps, *-steps)]
+            sizes = [squares(each) for each in tried]
+            worst = max(sizes)
+            if min(sizes) < least:
+                late, least = tried[int(np.argmin(sizes))], min(sizes)
+            else:
+                steps = steps / 2
+        return late
 
     def explanations(self) -> list[Explanation]:
         """Return the explanations, first that of a lag alone."""
@@ -357,6 +375,24 @@ class Alignment:
         sizes = (float(np.sum(np.abs(self._over_noise(each)) ** 2)) for each in changes)
         lag, turn = (size**-0.5 if size > 0 else np.inf for size in sizes)
         return lag, turn
+
+
+def _f_bound(level: float, above: float, below: float) -> float:
+    """Return what a variable with the distribution F exceeds by chance that often, by halving."""
+    low, high = 0.0, 1.0
+    while low < (u := (low + high) / 2) < high:
+        rarer = betainc(below / 2, above / 2, 0, u, regularized=True) < level
+        low, high = (u, high) if rarer else (low, u)
+    return float(below * (1 - u) / (above * u))
+
+
+def _most_of(mean: float, level: float) -> float:
+    """Return the number that one with the distribution of Poisson exceeds by chance that often."""
+    if mean <= 0:
+        return 0.0
+    k = np.arange(1.0, mean + 20 * np.sqrt(mean) + 40)
+    below = np.cumsum(np.exp(np.append(0.0, np.cumsum(np.log(mean / k))) - mean))
+    return float(np.argmax(below > 1 - level))
 
 
 def _complex(track: Array) -> Complex:

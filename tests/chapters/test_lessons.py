@@ -155,7 +155,7 @@ def test_what_is_taken_home_runs_as_pasted(number: str) -> None:
 def test_each_answer_to_which_filter_runs_as_pasted(capsys: pytest.CaptureFixture[str]) -> None:
     """And each filter beats the network on the drive that it is for."""
     code = [c.source for c in cells(FOLDER / "which-filter.md") if c.cell_type == "code"]
-    for answer in code[1:4]:
+    for answer in code[1:-1]:
         assert len([line for line in answer.splitlines() if line]) <= 15
         exec(compile(answer, "pasted", "exec"), {})
         said = capsys.readouterr().out.replace(",", "")

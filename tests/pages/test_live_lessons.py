@@ -16,7 +16,7 @@ from inswsn_book.live.site import lessons, put_in
 from inswsn_book.record.progress import Quiet
 from inswsn_book.record.project import Project
 from playwright.sync_api import Browser, Locator, Page
-from visiting import LESSON, OWN_DATA, Open, opening, settled
+from visiting import LESSON, OWN_DATA, WHICH, Open, opening, settled
 
 pytestmark = pytest.mark.whole
 MINUTES = 60_000
@@ -200,11 +200,56 @@ def test_what_is_out_of_date_is_marked_and_what_is_untrue_is_named(open_live: Op
     failed = [n for n in cells if "failed" in cells[n].locator(".live-status").inner_text()]
     assert failed == [number + 2]  # the library agrees no longer
     assert "Failed: 1 other cell. No longer true: With the right size of Q it is too" in status
+    told = box.locator(".live-told")  # the error stands where the cause is, with links both ways
+    assert "AssertionError" in told.inner_text()
+    link = cells[number + 1].locator(".live-bar a")
+    code = box.locator("pre[contenteditable]")
+    assert link.get_attribute("href") == f"#{code.get_attribute('id')}"
+    assert told.locator("a").inner_text() == f"cell {number + 2}"
+    assert said(cells[number + 1]) == "AssertionError"
     assert "Out of date" not in status
     box.get_by_role("button", name="Reset").click()
     told = [cells[n].locator(".live-status").inner_text() for n in cells if n >= number]
     assert set(told) <= {"as in the book", ""}
     assert page.locator(".live-out:visible").count() == 0
+
+
+def test_all_cells_are_run_and_put_back(open_live: Open) -> None:
+    page = open_live(LESSON).page
+    cells = [box for _, box in cells_of(page)]
+    write(cells[-3], "x = 'a word'  # changed\nfor k in range(3): print(k)")
+    page.get_by_role("button", name="Run all", exact=True).click()
+    page.get_by_text("All have run").wait_for(timeout=4 * MINUTES)
+    assert all(box.locator(".live-status").inner_text().startswith("took") for box in cells)
+    counts = (
+        "() => Object.fromEntries([...CSS.highlights].map(([name, found]) => [name, found.size]))"
+    )
+    kinds = {f"live-{kind}": n for kind, n in (("comment", 1), ("string", 1), ("number", 1))}
+    assert page.evaluate(counts) == kinds | {"live-keyword": 2}
+    page.get_by_role("button", name="Reset all", exact=True).click()
+    assert {box.locator(".live-status").inner_text() for box in cells} == {"as in the book"}
+    assert set(page.evaluate(counts).values()) == {0}
+
+
+def test_boxes_keep_their_names_on_a_phone(open_live: Open) -> None:
+    page = open_live(LESSON, **PHONE).page
+    page.wait_for_function("() => document.documentElement.dataset.measured")
+    boxes = page.locator("pre[contenteditable]")
+    names = boxes.evaluate_all("nodes => nodes.map((node) => node.getAttribute('aria-label'))")
+    assert len(names) > 10
+    assert all(name.startswith("Code of cell ") for name in names)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"), [(OWN_DATA, "Recording and figures fit"), (WHICH, "Take the Kalman filter")]
+)
+def test_a_file_is_looked_at_by_the_python_of_the_page(
+    name: str, said: str, open_live: Open
+) -> None:
+    page = open_live(name).page
+    page.get_by_role("button", name="Show an example").click()
+    page.locator(".own-data-results", has_text=said).wait_for(timeout=4 * MINUTES)
+    assert cells_of(page)
 
 
 def test_cells_that_do_not_run_say_whose_numbers_they_show(open_live: Open) -> None:

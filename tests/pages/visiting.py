@@ -72,6 +72,7 @@ CHAPTER_00 = "chapters/evidence/printed-numbers.html"
 SHORTEST = "chapters/evidence/recorded-data.html"
 LESSON = "chapters/2-blend-two-bad-instruments.html"
 OWN_DATA = "chapters/your-own-data.html"
+WHICH = "chapters/which-filter.html"
 
 
 @dataclass

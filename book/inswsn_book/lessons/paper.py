@@ -67,13 +67,16 @@ def show_slip(xs: Texts, ys: Texts, means: Texts) -> None:
     shown.draw(chart, "computed", "", lambda s: (row, (x + _below(y, s)) / 2))
     shown.draw(chart, "computed", "", lambda s: (row, (x + _below(y, s)) / 2), style="points")
     shown.number("computed", "rows that agree to the last digit", lambda s: f"{met[s]} of 10")
-    shown.sentence(lambda s: f"With y from {s} rows below, {met[s]} of 10 printed means agree.")
+
+    def said(s: int) -> str:
+        return f"With y from {s} rows below, {met[s]} of the 10 printed means of the table agree."
+
+    shown.sentence(said)
     shown.show(
         name="fig-l7-slip",
         caption="The mean of x in a row and y some rows below it, and the mean that is printed. "
         "A y from beyond the table counts as zero.",
-        alt="Ten printed means by row, and ten computed means. With y from the row above, "
-        f"{met[-1]} of ten agree; from the same row, {met[0]}; from the next row, {met[1]}.",
+        alt=said(-1),
     )
 
 
@@ -122,21 +125,19 @@ def show_digits(xs: Texts, ys: Texts, means: Texts) -> None:
     shown.draw(chance, "published", "", lambda d: (rows, shares[d]), style="bars")
     shown.number("computed", "offsets with all ten", lambda d: f"{perfect[d]} of 19")
     shown.number("published", "the luckiest order explains", lambda d: f"{most[d]} of 10")
-    shown.sentence(
-        lambda d: (
+
+    def said(d: int) -> str:
+        return (
             f"Decimals kept: {d}. Offsets that explain all ten rows: {perfect[d]} of 19. The "
             f"luckiest random order explains {most[d]} of 10."
         )
-    )
+
+    shown.sentence(said)
     shown.show(
         name="fig-l7-digits",
         caption="All cells are rounded. How many decimals are needed before only one offset "
         "explains the table, and no random order does?",
-        alt="Two bar charts, by the number of decimals kept. Offsets that explain all ten rows: "
-        + ", ".join(f"{n} with {d}" for d, n in perfect.items())
-        + ". Most rows that a random order explains: "
-        + ", ".join(f"{n} with {d}" for d, n in most.items())
-        + ".",
+        alt=said(1),
     )
 
 
@@ -195,19 +196,19 @@ def show_third(results: Mapping[str, Mapping[str, str]], allowed: float) -> None
     shown.draw(chart, "published", "", ([allowed, allowed], [0.0, top]))
     shown.number("federated", "ratio as printed", lambda axis: f"{plain(axis):.2f}")
     shown.number("published", "“about” must allow", lambda axis: f"{need[axis]:g} points")
-    shown.sentence(
-        lambda axis: (
+
+    def said(axis: str) -> str:
+        return (
             f"For the {axis}, the federated filter has {plain(axis):.2f} times the error of the "
             f"INS alone; “about” must allow {need[axis]:g} points to bring this ratio down to one."
         )
-    )
+
+    shown.sentence(said)
     shown.show(
         name="fig-l7-third",
         caption="The band shows every ratio that P2's two percentages allow. The vertical "
         "line marks the tolerance that the papers' round figures suggest.",
-        alt="The ratio of the errors of the federated filter and of the INS alone, as printed: "
-        + ", ".join(f"{axis} {plain(axis):.2f}" for axis in pairs)
-        + f". For the velocity in x, “about” must allow {need['velocity in x']:g} points for one.",
+        alt=said("velocity in x"),
     )
 
 
@@ -224,16 +225,16 @@ def show_growth(*, least: float) -> None:
     shown.draw(chart, "published", "P3 needs this RMS", ([0.0, 1.0], [least] * 2), at=0)
     shown.number("kalman", "RMS over maximum", lambda a: f"{rms[a]:.2f}")
     shown.number("published", "P3, outage 4, at least", f"{least:.2f}")
-    shown.sentence(
-        lambda a: f"An error that grows as t to the {a:g} has RMS / maximum {rms[a]:.2f}."
-    )
+
+    def said(a: float) -> str:
+        return f"An error that grows as t to the {a:g} has RMS / maximum {rms[a]:.2f}."
+
+    shown.sentence(said)
     shown.show(
         name="fig-l7-growth",
         caption="One horizontal line is the RMS of the curve, the other the least RMS that P3's "
         "numbers allow. Which growth makes them meet?",
-        alt="An error that grows as a power of time. RMS over maximum: "
-        + ", ".join(f"{rms[a]:.2f} at t to the {a:g}" for a in (0.0, 0.5, 1.0, 2.0))
-        + f". P3's outage 4 needs at least {least:.2f}.",
+        alt=said(2.0),
     )
 
 
@@ -265,16 +266,15 @@ def show_motion() -> None:
     shown.draw(upper, "published", "", zero)
     shown.draw(lower, "published", "", zero)
     shown.number("ins", "mean |p| over mean |v|", lambda r, c: f"{ratio(r, c):.3f}")
-    shown.sentence(
-        lambda r, c: f"Zero at {r:g} and start at {c:.3f}: the ratio is {ratio(r, c):.3f}."
-    )
+
+    def said(r: float, c: float) -> str:
+        return f"Zero at {r:g} and start at {c:.3f}: the ratio is {ratio(r, c):.3f}."
+
+    shown.sentence(said)
     shown.show(
         name="fig-l7-motion",
         caption="Time is measured in windows, and so is the ratio. Make it as small as you can.",
-        alt="A velocity error that rises along a straight line, and a parabola of position error. "
-        f"If both start at zero, the ratio of their means is {ratio(0, 0):.3f}. If the velocity "
-        "error is zero in the middle and the position error starts at 3/32, it is "
-        f"{ratio(0.5, 3 / 32):.3f}.",
+        alt=said(0.0, 0.0),
     )
 
 
@@ -302,18 +302,17 @@ def show_periods(longest: Array, *, matrices: float) -> None:
     )
     shown.number("computed", "pairs that are impossible", lambda T: f"{out[T]} of {len(pair)}")
     shown.number("published", "the matrices print", f"{matrices:g} s")
-    shown.sentence(
-        lambda T: (
-            f"With a period of {T:g} s, {out[T]} of {len(pair)} pairs of cells are impossible."
-        )
-    )
+
+    def said(T: float) -> str:
+        return f"With a period of {T:g} s, {out[T]} of {len(pair)} pairs of cells are impossible."
+
+    shown.sentence(said)
     shown.show(
         name="fig-l7-periods",
         caption="Dots above the line are impossible: the position error cannot be as small as "
         "printed. Pairs 1 to 4 are from P1 Table 2 (x, y in area 1; x, y in area 2), pairs 5 to 8 "
         "from P1 Table 3.",
-        alt=f"Eight dots. With a period of 1 s, {out[1.0]} of them lie above the printed error; "
-        f"with 0.2 s, {out[0.2]}. The longest period that all allow is {longest.min():.2f} s.",
+        alt=said(1.0),
     )
 
 

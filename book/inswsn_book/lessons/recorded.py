@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
-from inswsn_book.lessons.dots import show_dots
 from inswsn_book.lessons.nodes import model_of
 from inswsn_book.record import ChapterRecord
 from inswsn_book.show.moving import Moving, Slider
 from inswsn_lib.evaluation import autocorrelation
+from inswsn_lib.files import read_text
 from inswsn_lib.filters import design_kalman, lasting_ratio, run_kalman
 from inswsn_lib.models import ErrorModel
-from inswsn_lib.navigation import ExampleRun, TrainingAreas, read_tables
+from inswsn_lib.navigation import ExampleRun, TrainingAreas
 from inswsn_lib.navigation.training_areas import p1_settings
 
 Array = NDArray[np.float64]
@@ -36,6 +37,7 @@ EVIDENCE = (
     ("sure", "room.sure-gain", ".0f"),
     *((f"law.{of}", f"law.{of}", ".0f") for of in ("cases", "recordings")),
 )  # fmt: skip
+LABELS = {"kalman": "Filter that assumes white errors", "coloured": "Augmented filter"}
 LASTING = (0.0, 0.2, 0.5, 1.0, 2.0, 5.0)  # s
 MANY = 50  # runs
 COUNTS = np.arange(1, 101)
@@ -44,10 +46,8 @@ FADING = (0.2, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0)  # s
 WHITE = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)
 RECORDINGS = {"room": "inrol/1", "mower": "plaza/2", "robot": "labyrinth/1"}
 METHODS = {
-    "filter on fixes": ("coloured", "loosely coupled, coloured fixes"),
-    "filter on ranges": ("kalman", "tightly coupled"),
-    "smoother": ("smoother", "smoother"),
-}
+    "fixes": "loosely coupled, coloured fixes", "ranges": "tightly coupled", "smoother": "smoother",
+}  # fmt: skip
 BRIDGES = {
     "P1's LS-SVM": ("lssvm", "P1's LS-SVM"),
     "stand still": ("network", "stand still at the last fix"),
@@ -55,10 +55,29 @@ BRIDGES = {
 }
 
 
-def recordings(**parameters: Any) -> tuple[ChapterRecord, Mapping[str, pd.DataFrame]]:
+@dataclass(frozen=True)
+class Table:
+    """A table of a study of recordings, as its file keeps it: what is missing is None."""
+
+    index: list[Any]
+    columns: list[str]
+    data: list[list[Any]]
+
+    def of(self, column: str) -> Array:
+        """Return the numbers of a column."""
+        return np.array([row[self.columns.index(column)] for row in self.data], dtype=float)
+
+    def row(self, begin: str) -> dict[str, Any]:
+        """Return the row whose name begins so, by its columns."""
+        (found,) = (i for i, name in enumerate(self.index) if str(name).startswith(begin))
+        return dict(zip(self.columns, self.data[found], strict=True))
+
+
+def recordings(**parameters: Any) -> tuple[ChapterRecord, Mapping[str, Table]]:
     """Return the record of the lesson, and what a study of recordings found."""
     record = ChapterRecord("lesson-8", parameters)
-    return record, read_tables(record.data("recorded/on-recordings.json"))[0]
+    kept = json.loads(read_text(record.data("recorded/on-recordings.json")))["tables"]
+    return record, {name: Table(**each) for name, each in kept.items()}
 
 
 def off(run: ExampleRun, estimate: Array) -> float:
@@ -72,37 +91,6 @@ def plain(run: ExampleRun, tau: float) -> tuple[Array, Array]:
     model, heard = model_of(run), np.ones((len(y), 4), bool)
     design = design_kalman(model, heard, initial_covariance=start)
     return run_kalman(model, y, initial_covariance=start), design.filtered
-
-
-def show_lasting(runs: Mapping[float, ExampleRun], run_filter: Filter) -> None:
-    """Show the errors of fixes and of a filter on them, by how long the former last."""
-    found = {t: run_filter(run, t)[0] for t, run in runs.items()}
-    far = {t: (off(run, run.ins - run.network), off(run, found[t])) for t, run in runs.items()}
-    errors = {
-        t: ((run.network - run.truth)[:, 0], (run.ins - found[t] - run.truth)[:, 0])
-        for t, run in runs.items()
-    }
-    shown = Moving("Errors that last", Slider("t", "errors of fixes last", [*runs], 0.0, "{:g} s"))
-    time = runs[0.0].time
-    chart = shown.chart("Error in x", x="time (s)", y="m", xlim=(0, 20), ylim=(-0.5, 0.5))
-    shown.draw(chart, "network", "", lambda t: (time, errors[t][0]), style="points")
-    shown.draw(chart, "kalman", "Kalman filter", lambda t: (time, errors[t][1]))
-    shown.number("network", "mean error, fixes", lambda t: f"{far[t][0]:.1f} cm")
-    shown.number("kalman", "mean error, filter", lambda t: f"{far[t][1]:.1f} cm")
-    shown.sentence(
-        lambda t: (
-            f"If errors of fixes last {t:g} s, the mean error of fixes is {far[t][0]:.1f} cm, and "
-            f"that of the filter {far[t][1]:.1f} cm."
-        )
-    )
-    shown.show(
-        name="fig-l8-lasting",
-        caption="Dots are the errors of fixes; their standard deviation is the same at each "
-        "setting of the slider. The line is the error of the Kalman filter.",
-        alt="Errors in x over twenty seconds. Mean errors of fixes and of the filter: "
-        + "; ".join(f"{a:.1f} and {b:.1f} cm if errors last {t:g} s" for t, (a, b) in far.items())
-        + ".",
-    )
 
 
 def deviation(count: Any, fade: float) -> Any:
@@ -129,15 +117,15 @@ def show_means(period: float) -> None:
     shown.draw(chart, "constant", "independent", (COUNTS, COUNTS**-0.5), at=60)
     shown.draw(chart, "coloured", "", lambda t: (COUNTS, found[t]))
     shown.number("coloured", "100 fixes are worth", lambda t: f"{worth[t]:.1f} independent ones")
-    shown.sentence(
-        lambda t: f"If errors last {t:g} s, 100 fixes are worth {worth[t]:.1f} independent ones."
-    )
+
+    def said(t: float) -> str:
+        return f"If errors last {t:g} s, 100 fixes are worth {worth[t]:.1f} independent ones."
+
+    shown.sentence(said)
     shown.show(
         name="fig-l8-means",
         caption="If errors last, a mean of more fixes is hardly better: all have similar errors.",
-        alt="The error of a mean over the number of fixes. A hundred, at five a second, are worth "
-        + ", ".join(f"{w:.1f} if errors last {t:g} s" for t, w in worth.items())
-        + ".",
+        alt=said(2.0),
     )
 
 
@@ -147,17 +135,17 @@ def misfit(lags: Array, seen: Array, tau: float, white: float) -> float:
     return float(np.abs(seen - (1 - white) * np.exp(-lags / tau))[there].mean())
 
 
-def nearest(table: pd.DataFrame, recording: str = "room") -> tuple[float, float]:
+def nearest(table: Table, recording: str = "room") -> tuple[float, float]:
     """Return how fast the nearest curve fades, s, and which share of it is white."""
-    lags, seen = (each.to_numpy(float) for each in (table.index, table[RECORDINGS[recording]]))
+    lags, seen = np.array(table.index, dtype=float), table.of(RECORDINGS[recording])
     _, tau, white = min((misfit(lags, seen, t, w), t, w) for t in FADING for w in WHITE)
     return tau, white
 
 
-def show_recorded(table: pd.DataFrame) -> None:
+def show_recorded(table: Table) -> None:
     """Show the recorded autocorrelation of three networks' errors, and a curve to be fitted."""
-    lags = table.index.to_numpy(dtype=float)
-    seen = {name: table[column].to_numpy(dtype=float) for name, column in RECORDINGS.items()}
+    lags = np.array(table.index, dtype=float)
+    seen = {name: table.of(column) for name, column in RECORDINGS.items()}
     fine = np.linspace(0, 10, 101)
 
     def kept(r: str) -> tuple[Array, Array]:
@@ -177,23 +165,19 @@ def show_recorded(table: pd.DataFrame) -> None:
         chart, "coloured", "your curve", lambda t, w: (fine, (1 - w) * np.exp(-fine / t)), at=30
     )
     shown.number("coloured", "mean misfit", lambda r, t, w: f"{misfit(lags, seen[r], t, w):.3f}")
-    shown.sentence(
-        lambda r, t, w: (
-            f"For the {r}, a curve that fades in {t:g} s with a white share of {w:.0%} has a mean "
-            f"misfit of {misfit(lags, seen[r], t, w):.3f}."
+
+    def said(r: str, t: float, w: float) -> str:
+        left = misfit(lags, seen[r], t, w)
+        return (
+            f"{r}: a curve that fades in {t:g} s, {w:.0%} white, has a mean misfit of {left:.3f}."
         )
-    )
-    best = {r: nearest(table, r) for r in RECORDINGS}
+
+    shown.sentence(said)
     shown.show(
         name="fig-l8-recorded",
         caption="Dots are recorded. Fit a curve to them: choose how fast it fades, and how much of "
         "the error is white and gone at the next fix.",
-        alt="The autocorrelation of recorded errors of fixes over the lag. The nearest curves: "
-        + "; ".join(
-            f"{r}, {t:g} s and {w:.0%} white, mean misfit {misfit(lags, seen[r], t, w):.2f}"
-            for r, (t, w) in best.items()
-        )
-        + ".",
+        alt=said("room", *nearest(table)),
     )
 
 
@@ -229,39 +213,29 @@ def show_many(found: Mapping[tuple[str, float], tuple[float, float]]) -> None:
     """Show over many runs the errors of both filters and how often they are in their band."""
     lasting = [tau for name, tau in found if name == "coloured"]
     shown = Moving("Over many runs", Slider("t", "errors of fixes last", lasting, 0.2, "{:g} s"))
-    labels = {"kalman": "assumes white", "coloured": "augmented"}
-
-    def chart(at: int, title: str, unit: str, limit: tuple[float, float], level: float) -> None:
-        here = shown.chart(title, x="errors of fixes last (s)", y=unit, xlim=(0, 5), ylim=limit)
-        shown.draw(here, "published", "", ([0.0, 5.0], [level, level]))
-        shown.draw(here, "published", "", lambda t: ([t, t], [*limit]))
-        for name, label in labels.items():
+    form = "{:.2f} times the error of fixes, {:.0f} % of errors in its band"
+    ratio = shown.chart("Error", x="errors last (s)", y="fixes = 1", xlim=(0, 5), ylim=(0.4, 1.3))
+    band = shown.chart("In its band", x="errors last (s)", y="%", xlim=(0, 5), ylim=(0, 105))
+    for at, (chart, level) in enumerate(((ratio, 1.0), (band, 95.0))):
+        shown.draw(chart, "published", "", ([0.0, 5.0], [level, level]))
+        for name, label in LABELS.items():
             there = [tau for n, tau in found if n == name]
-            shown.draw(here, name, label, (there, [found[name, tau][at] for tau in there]))
-
-    def number(name: str) -> None:
-        shown.number(
-            name, labels[name], lambda t: "{:.2f}, in band {:.0f} %".format(*found[name, t])
-        )
-
-    chart(0, "Position error over that of the fixes", "ratio", (0.4, 1.3), 1.0)
-    chart(1, "Errors inside the filter's own band", "%", (0, 105), 95.0)
-    number("kalman")
-    number("coloured")
+            shown.draw(chart, name, label, (there, [found[name, tau][at] for tau in there]))
+    shown.draw(ratio, "kalman", "", lambda t: ([t], [found["kalman", t][0]]), style="points")
+    shown.draw(ratio, "coloured", "", lambda t: ([t], [found["coloured", t][0]]), style="points")
+    shown.number("kalman", LABELS["kalman"], lambda t: form.format(*found["kalman", t]))
+    shown.number("coloured", LABELS["coloured"], lambda t: form.format(*found["coloured", t]))
 
     def said(t: float) -> str:
-        return (
-            f"If errors last {t:g} s, the filter that assumes white errors has "
-            "{:.2f} times the error of the fixes, with {:.0f} % of errors in its band; "
-            "the augmented filter has {:.2f} times, with {:.0f} %."
-        ).format(*found["kalman", t], *found["coloured", t])
+        each = (f"{label}: {form.format(*found[name, t])}" for name, label in LABELS.items())
+        return f"If errors of fixes last {t:g} s: {'; '.join(each)}."
 
     shown.sentence(said)
     shown.show(
         name="fig-l8-many",
         caption=f"{MANY} simulated runs. Beyond what correlation time does the filter that "
         "assumes white errors become worse than the fixes?",
-        alt=" ".join(map(said, lasting)),
+        alt=said(0.2),
     )
 
 
@@ -293,48 +267,52 @@ def show_left(seed: int) -> None:
     shown.draw(chart, "kalman", "simulated", ([*found], [*found.values()]), style="points")
     shown.draw(chart, "published", "", lambda k: ([k, k], [0.0, 1.0]))
     shown.number("kalman", "simulated", lambda k: f"{found[k]:.2f}")
-    shown.sentence(
-        lambda k: (
-            f"If 2τ is {k:g} times the hold time, a filter leaves {found[k]:.2f} of the error of a "
-            "fix."
-        )
-    )
+
+    def said(k: float) -> str:
+        return f"If 2τ is {k:g} times the hold time, {found[k]:.2f} of the error of a fix is left."
+
+    shown.sentence(said)
     shown.show(
         name="fig-l8-left",
         caption="The formula, and filters in a simulation with five fixes a second.",
-        alt="What a filter leaves of the error of a fix, simulated: "
-        + ", ".join(
-            f"{left:.2f} where 2τ is {k:g} times the hold time" for k, left in found.items()
-        )
-        + ".",
+        alt=said(1.0),
     )
 
 
-def show_gains(gains: pd.DataFrame) -> None:
-    """Show what was expected of filters on recordings, and what was found."""
-    told = gains.dropna(subset="hold").astype(float)
+def show_gains(gains: Table) -> None:
+    """Show what was found of filters on recordings over what was expected, a dot each."""
+    rows = [dict(zip(gains.columns, row, strict=True)) for row in gains.data]
+    found = {n: row for n, row in zip(gains.index, rows, strict=True) if row["hold"] is not None}
+    shown = Moving(
+        "The law on recordings", Slider("n", "series", [*found], next(iter(found)), "{}")
+    )
+    ends = (0.0, 1.2)
+    chart = shown.chart(
+        "Error of a filter over that of the network", x="expected before it ran", y="found",
+        xlim=ends, ylim=ends, equal=True,
+    )  # fmt: skip
+    shown.draw(chart, "published", "as expected", (ends, ends), at=0)
 
-    def row(of: str) -> dict[str, Any]:
-        ends = [of] if "_" in of else [of, f"{of}_low", f"{of}_high"]
-        found = told[ends].itertuples(name=None)
-        return {name: values if len(values) > 1 else values[0] for name, *values in found}
+    def draw(method: str, of: str) -> Callable[[str], str]:
+        columns = [f"expected_{of}", of, f"{of}_low", f"{of}_high"]
+        x, y = ([row[name] for row in found.values()] for name in columns[:2])
+        shown.draw(chart, method, of, (x, y), style="points", at=int(np.argmax(y)))
+        shown.draw(
+            chart, method, "",
+            lambda n: ([found[n][f"expected_{of}"]] * 2, [found[n][e] for e in columns[2:]]),
+        )  # fmt: skip
+        said = "{:.2f} expected, {:.2f} found ({:.2f} to {:.2f})"
+        shown.number(method, of, lambda n: said.format(*(found[n][name] for name in columns)))
+        return lambda n: said.format(*(found[n][name] for name in columns))
 
-    show_dots(
-        "Error over that of the network",
-        "series",
-        {
-            "position, expected": ("coloured", row("expected_position")),
-            "position, found": ("kalman", {n: tuple(v) for n, v in row("position").items()}),
-            "velocity, expected": ("coloured", row("expected_velocity")),
-            "velocity, found": ("kalman", {n: tuple(v) for n, v in row("velocity").items()}),
-        },
-        x="ratio",
-        xlim=(0, 1.2),
+    position, velocity = draw("kalman", "position"), draw("coloured", "velocity")
+    shown.sentence(lambda n: f"{n}: in position {position(n)}; in velocity {velocity(n)}.")
+    shown.show(
         name="fig-l8-gains",
         caption="Recordings, as they are and made worse. Expected before a filter ran, and found "
-        "by one of P1's form that knows how errors last; 95 % intervals are for other stretches of "
-        "the same series.",
-        line=("network", "network", 1.0),
+        "by one of P1's form that knows how errors last; the upright lines are 95 % intervals for "
+        "other stretches of the same series.",
+        alt="Dots of position and of velocity near the diagonal where what is found is expected.",
     )
 
 
@@ -345,44 +323,52 @@ def inside(run: ExampleRun, estimate: Array, covariance: Array) -> float:
     return float(100 * np.mean(abs(error) < sides))
 
 
-def show_honesty(runs: Mapping[float, ExampleRun], plain: Filter, knowing: Filter) -> None:
-    """Show the error of two filters inside the band that each believes in."""
-    lasting = [tau for tau in runs if tau]
-    filters = {"kalman": plain, "coloured": knowing}
+def show_errors(runs: Mapping[float, ExampleRun], **filters: Filter) -> None:
+    """Show errors in x of fixes and of filters, by method; of two, the bands they believe in."""
+    band = len(filters) > 1
+    lasting, start = [tau for tau in runs if tau or not band], 2.0 if band else 0.0
+    shown = Moving("Errors in x", Slider("t", "errors of fixes last", lasting, start, "{:g} s"))
     found = {(n, t): by(runs[t], t) for n, by in filters.items() for t in lasting}
-    far = {(n, t): off(runs[t], of[0]) for (n, t), of in found.items()}
-    ins = {t: (run.ins - run.truth)[:, 0] for t, run in runs.items()}
-    share = {(n, t): inside(runs[t], *of) for (n, t), of in found.items()}
-    shown = Moving("Errors and bands", Slider("t", "errors of fixes last", lasting, 2.0, "{:g} s"))
+    told = {(n, t): (off(runs[t], of[0]), inside(runs[t], *of)) for (n, t), of in found.items()}
+    fixes = {t: off(run, run.ins - run.network) for t, run in runs.items()}
+    form = "{:.1f} cm, {:.0f} % in its band" if band else "{:.1f} cm"
 
-    def add(name: str, title: str, label: str) -> None:
-        chart = shown.chart(title, x="time (s)", y="error in x (m)", xlim=(0, 20), ylim=(-0.6, 0.6))
+    def draw(n: str) -> None:
+        chart = shown.chart(LABELS[n], x="time (s)", y="m", xlim=(0, 20), ylim=(-0.6, 0.6))
 
-        def band(t: float) -> tuple[Array, Array, Array]:
-            side = 2 * np.sqrt(np.minimum(found[name, t][1][:, 0, 0], 1.0))
-            return runs[t].time, np.maximum(-side, -0.6), np.minimum(side, 0.6)
+        def sides(t: float) -> tuple[Array, Array, Array]:
+            side = np.minimum(2 * np.sqrt(found[n, t][1][:, 0, 0]), 0.6)
+            return runs[t].time, -side, side
 
-        shown.draw(chart, name, "", band, style="band")
-        shown.draw(chart, name, "", lambda t: (runs[t].time, ins[t] - found[name, t][0][:, 0]))
-        shown.number(name, label, lambda t: f"{share[name, t]:.0f} %")
+        def error(t: float) -> tuple[Array, Array]:
+            return runs[t].time, (runs[t].ins - runs[t].truth - found[n, t][0][:, :4])[:, 0]
 
-    add("kalman", "Filter that assumes white errors", "in band, assumes white")
-    add("coloured", "Augmented filter", "in band, augmented")
+        def of_fixes(t: float) -> tuple[Array, Array]:
+            return runs[t].time, (runs[t].network - runs[t].truth)[:, 0]
+
+        if band:
+            shown.draw(chart, n, "", sides, style="band")
+        shown.draw(chart, "network", "", of_fixes, style="points")
+        shown.draw(chart, n, "", error)
+        shown.number(n, LABELS[n], lambda t: form.format(*told[n, t]))
+
+    shown.number("network", "fixes", lambda t: f"{fixes[t]:.1f} cm")
+    for n in filters:
+        draw(n)
 
     def said(t: float) -> str:
-        return (
-            f"If errors last {t:g} s, the filter that assumes white errors has a mean error of "
-            f"{far['kalman', t]:.1f} cm, with {share['kalman', t]:.0f} % of errors in its band; "
-            f"the augmented filter {far['coloured', t]:.1f} cm, with {share['coloured', t]:.0f} %."
+        each = (f"{LABELS[n]}: {form.format(*told[n, t])}" for n in filters)
+        return f"Mean errors if those of fixes last {t:g} s: fixes: {fixes[t]:.1f} cm; " + (
+            "; ".join(each) + "."
         )
 
     shown.sentence(said)
+    said_of = "Dots are the errors of fixes; their standard deviation is the same at each setting."
+    bands = " Bands are two standard deviations to either side, by each filter's covariance. "
     shown.show(
-        name="fig-l8-honesty",
-        caption="Bands are two standard deviations to either side, according to each "
-        "filter's covariance. "
-        "Errors in x and y should be inside 95 % of the time.",
-        alt=said(2.0),
+        name="fig-l8-honesty" if band else "fig-l8-lasting",
+        caption=said_of + bands * band + "Errors should be inside 95 % of the time." * band,
+        alt=said(start),
     )
 
 
@@ -428,90 +414,54 @@ def show_innovations(runs: Mapping[float, ExampleRun], knowing: Filter) -> None:
         name="fig-l8-innovations",
         caption="The grey band is the range expected by chance if the innovations are "
         "uncorrelated.",
-        alt=" ".join(map(said, lasting)),
+        alt=said(2.0),
     )
 
 
-def show_ratios(tables: Mapping[str, pd.DataFrame]) -> None:
-    """Show what three methods do to the position error of a recorded network."""
-
-    def number(key: str, begin: str) -> tuple[float, float, float]:
-        (name,) = [n for n in tables[key].index if str(n).startswith(begin)]
-        row = tables[key].loc[name]
-        value, low, high = (float(row[f"position_{of}"]) for of in ("ratio", "low", "high"))
-        return value, low, high
-
-    show_dots(
-        "Position error over that of the network",
-        "recording",
-        {
-            method: (stroke, {r: number(key, begin) for r, key in RECORDINGS.items()})
-            for method, (stroke, begin) in METHODS.items()
-        },
-        x="ratio",
-        xlim=(0, 1.5),
-        name="fig-l8-ratios",
-        caption="One recording each; the 95 % intervals are for other stretches of the same "
-        "recording. The smoother also uses later measurements. Dots left of the line are better "
-        "than the network.",
-        line=("network", "network", 1.0),
-    )
-
-
-def overtaken(profile: pd.DataFrame) -> float:
+def overtaken(profile: Table) -> float:
     """Return how long coasting has the least error of all bridges, from the first second on, s."""
-    time = profile.index.to_numpy(dtype=float)
-    *others, coast = (profile[column].to_numpy(dtype=float) for _, column in BRIDGES.values())
+    time = np.array(profile.index, dtype=float)
+    *others, coast = (profile.of(column) for _, column in BRIDGES.values())
     return float(time[np.flatnonzero((np.min(others, axis=0) < coast) & (time > 1))[0]])
 
 
-def show_bridges(profile: pd.DataFrame) -> None:
+def show_bridges(profile: Table) -> None:
     """Show the error as time passes without fixes, in the room."""
-    time = profile.index.to_numpy(dtype=float)
+    time, top = np.array(profile.index, dtype=float), 5.0
     every = [round(float(t), 1) for t in np.arange(1, 10.1, 0.5)]
-    top = 5.0
-
-    def at(name: str, s: float) -> float:
-        return float(np.interp(s, time, profile[BRIDGES[name][1]]))
-
+    errors = {name: (method, profile.of(column)) for name, (method, column) in BRIDGES.items()}
     shown = Moving("Without fixes", Slider("s", "time without fixes", every, 1.0, "{:g} s"))
     chart = shown.chart(
         "RMS position error (m)", x="time without fixes (s)", y="m", xlim=(0, 10), ylim=(0, top)
     )
     shown.draw(chart, "published", "", lambda s: ([s, s], [0.0, top]))
 
-    def add(name: str) -> None:
-        method, column = BRIDGES[name]
-        values = profile[column].to_numpy(dtype=float)
+    def at(name: str, s: float) -> str:
+        return f"{np.interp(s, time, errors[name][1]):.2f} m"
+
+    def draw(name: str, method: str, values: Array) -> None:
         drawn = int(np.argmax(values > top)) or len(values)  # as far as the chart goes
         shown.draw(chart, method, name, (time[:drawn], values[:drawn]))
-        shown.number(method, name, lambda s: f"{at(name, s):.2f} m")
+        shown.number(method, name, lambda s: at(name, s))
 
-    for name in BRIDGES:
-        add(name)
-    shown.sentence(
-        lambda s: (
-            f"After {s:g} s without fixes: "
-            + ", ".join(f"{name} {at(name, s):.2f} m" for name in BRIDGES)
-            + "."
-        )
-    )
+    for name, of in errors.items():
+        draw(name, *of)
+
+    def said(s: float) -> str:
+        return f"After {s:g} s without fixes: {', '.join(f'{n} {at(n, s)}' for n in errors)}."
+
+    shown.sentence(said)
     shown.show(
         name="fig-l8-bridges",
         caption="Outages in the room, emulated in one recording. Standing still at the last fix "
         "takes no computation at all.",
-        alt="RMS position error over the time without fixes: "
-        + "; ".join(
-            f"after {s:g} s, " + ", ".join(f"{name} {at(name, s):.2f} m" for name in BRIDGES)
-            for s in (2.0, 5.0, 10.0)
-        )
-        + ".",
+        alt=said(5.0),
     )
 
 
 def hold(
     record: ChapterRecord, run: ExampleRun, knowing: Filter,
-    many: Mapping[tuple[str, float], tuple[float, float]], tables: Mapping[str, pd.DataFrame],
+    many: Mapping[tuple[str, float], tuple[float, float]], tables: Mapping[str, Table],
     lasting: float,
 ) -> None:  # fmt: skip
     """Record what the lesson found, and hold its sentences against it."""
@@ -544,10 +494,15 @@ def hold(
     ]
     record.holds("Within a recording that is sure on one of the four.", sum(within) == 1)
     machine, still, coast = (
-        tables["profiles inrol/1"][column].iloc[-1] for _, column in BRIDGES.values()
+        tables["profiles inrol/1"].of(column)[-1] for _, column in BRIDGES.values()
     )
     record.holds("After that, standing still is better.", still < min(coast, machine))
-    highest = tables["inrol/1"]["position_high"]["tightly coupled, coloured ranges"]
+    for place, key in RECORDINGS.items():
+        for name, begin in METHODS.items():
+            row = tables[key].row(begin)
+            told = [row[f"position_{of}"] for of in ("ratio", "low", "high")]
+            record.say(f"{place}.{name}", "{:.2f} ({:.2f} to {:.2f})".format(*told))
+    highest = tables["inrol/1"].row("tightly coupled")["position_high"]
     record.holds("In the room ranges do not help, either.", highest > 1)
     lost = many["kalman", 0.0][0] < 0.5 and many["kalman", 5.0][0] > 1
     record.holds("The advantage disappears.", lost)

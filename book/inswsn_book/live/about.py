@@ -7,19 +7,19 @@ from collections.abc import Sequence
 from typing import Any
 
 from inswsn_book.live.cells import before
-from inswsn_book.live.measured import Measured
-from inswsn_book.record.parameters import Parameter, ends, notebook_schema, read_myst
-from inswsn_book.record.project import Chapter
-from inswsn_lib.files import read_text
+from inswsn_book.live.measured import Measured, sources_of
+from inswsn_book.record.parameters import Parameter, chapter_schema, ends
+from inswsn_book.record.project import Chapter, Project
 
 
-def about_lesson(chapter: Chapter, measured: Sequence[Measured]) -> dict[str, Any]:
+def about_lesson(
+    project: Project, chapter: Chapter, measured: Sequence[Measured]
+) -> dict[str, Any]:
     """Return what its page is told: which cells run, as they did here, and which others each needs.
 
     The page shows all of them.
     """
-    notebook = read_myst(read_text(chapter.source), chapter.source.name)
-    sources = [cell.source for cell in notebook.cells if cell.cell_type == "code"]
+    sources = sources_of(project, chapter.name)
     return {
         "cells": [
             {
@@ -29,7 +29,7 @@ def about_lesson(chapter: Chapter, measured: Sequence[Measured]) -> dict[str, An
             }
             for place, (found, _) in enumerate(zip(measured, sources, strict=True))
         ],
-        "parameters": fields(notebook_schema(notebook, chapter.source.name).parameters),
+        "parameters": fields(chapter_schema(project.root, chapter.id).parameters),
     }
 
 

@@ -18,12 +18,9 @@ _BOOK = (
     "__init__.py", "record/parameters.py", "show", "evidence", "lessons", "live",
 )  # fmt: skip
 _DATA = (
-    "examples/*.csv",
-    "papers/*.csv",
-    "papers/*.yaml",
-    "scenarios/*.yaml",
-    "recorded/p3-drive.json",
-)
+    "examples/*.csv", "papers/*.csv", "papers/*.yaml", "scenarios/*.yaml",
+    "recorded/on-recordings.json", "recorded/p3-drive.json",
+)  # fmt: skip
 _PACKAGES = ("lazy_loader", "mpmath")  # that others made, of Python alone
 _TIME = (1980, 1, 1, 0, 0, 0)  # of every file, so that the same files make the same archive
 
@@ -38,7 +35,10 @@ def contents(project: Project) -> Iterator[tuple[str, bytes]]:
             yield f"inswsn_book/{path.relative_to(book).as_posix()}", path.read_bytes()
     yield "inswsn_book/record/__init__.py", (book / "live" / "unrecorded.py").read_bytes()
     results = [read_results(path) for path in sorted(project.published.glob("*.json"))]
-    found = {each.chapter: {q.name: q.value for q in each.quantities} for each in results}
+    found = {
+        each.chapter: {q.name: [q.value, *(q.interval or ())] for q in each.quantities}
+        for each in results
+    }
     yield "inswsn_lib/data/published.json", json.dumps(found, separators=(",", ":")).encode()
     for pattern in _DATA:
         for path in sorted((project.root / "data").glob(pattern)):

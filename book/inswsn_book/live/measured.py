@@ -46,10 +46,11 @@ class Measured:
 
 
 def sources_of(project: Project, name: str) -> list[str]:
-    """Return the sources of the code cells of a chapter, by its name below chapters/."""
+    """Return the sources of the code cells of a chapter that its page shows, by its name."""
     path = project.root / "chapters" / f"{name}.md"
     notebook = read_myst(path.read_text(encoding="utf-8"), name)
-    return [cell.source for cell in notebook.cells if cell.cell_type == "code"]
+    cells = (cell for cell in notebook.cells if cell.cell_type == "code")
+    return [cell.source for cell in cells if "remove-cell" not in cell.metadata.get("tags", [])]
 
 
 def measure(project: Project, name: str) -> list[Measured]:

@@ -1,8 +1,7 @@
 """The page on your own data on a reader's own file, in the page: what is read, filtered and found.
 
-It needs numpy alone and computes by the functions of the library that the chapter calls. What asks
-for more, `inswsn_lib.logs.check_recording`, is left to ``inswsn run
-your-own-data``. What the page shows of it is in ``own_page.py``.
+It needs numpy alone and computes by the functions of the library that the chapter calls. What the
+page shows of it is in ``own_page.py``.
 """
 
 from __future__ import annotations
@@ -17,11 +16,13 @@ import numpy as np
 from inswsn_lib.checks import Array, number
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.evaluation.consistency import autocorrelation, normalised_squares
+from inswsn_lib.filters.expected_ratio import ErrorStatistics
 from inswsn_lib.filters.kalman import design_kalman, run_kalman
 from inswsn_lib.logs.columns import columns_of
-from inswsn_lib.logs.filter_checks import check_filter, usual_spacing
+from inswsn_lib.logs.filter_checks import usual_spacing
 from inswsn_lib.logs.findings import Finding
 from inswsn_lib.logs.ins_wsn import TrackPair, track_pair
+from inswsn_lib.logs.track_checks import check_recording
 from inswsn_lib.models import ErrorModel
 
 
@@ -69,8 +70,9 @@ class Filtered:
 class Examined:
     """A recording, what the filter makes of it, and how the two fit.
 
-    `findings` are those of `check_filter`, `white` is of `_whiteness`. `errors` has a row for each
-    track and situation, if there is a reference.
+    `findings` are those of `check_recording`, `white` is of `_whiteness`. `errors` has a row for
+    each track and situation, if there is a reference; `expected` are then the ratios of
+    `ErrorStatistics`, or why there are none.
     """
 
     name: str
@@ -79,6 +81,12 @@ class Examined:
     findings: list[Finding]
     white: dict[str, Any]
     errors: list[dict[str, Any]]
+    expected: tuple[float, float] | str
+
+    @property
+    def of_filter(self) -> dict[str, Finding]:
+        """What `check_filter` found in the innovations, by name."""
+        return {each.name: each for each in self.findings if each.subject == "innovations"}
 
 
 def examine(text: str, options: Mapping[str, Any]) -> Examined:
@@ -101,22 +109,25 @@ def examine(text: str, options: Mapping[str, Any]) -> Examined:
     >>> from inswsn_book.live.own_data import examine
     >>> from inswsn_lib.files import data_file
     >>> found = examine(data_file("examples/ins-wsn.csv").read_text(), {})
-    >>> len(found.data.time), [(each.name, each.fits) for each in found.findings]
-    (301, [('size', True), ('colour', True), ('whiteness', True)])
+    >>> len(found.data.time), all(each.fits for each in found.findings)
+    (301, True)
     """
     name = str(options.get("name", "my-recording.csv"))
     figures = {
         figure: number(figure, options.get(figure, known.usual), above=0, below=known.below)
         for figure, known in FIGURES.items()
     }
-    data = _read(name, text)
-    filtered = _filtered(name, data, figures)
-    findings = check_filter(filtered.innovations, filtered.covariances)
-    white = _whiteness(data, filtered)
-    return Examined(name, data, filtered, findings, white, _errors(data, filtered))
+    data = read(name, text)
+    if not np.isfinite(data.ins - data.wsn).any():
+        raise InswsnError(f"{name} has no fix where the INS has a row.")
+    model, initial = _assumed(data.period, figures)
+    filtered = _filtered(data, model, initial)
+    findings = check_recording(data, model, initial_covariance=initial)
+    white, errors = _whiteness(data, filtered), _errors(data, filtered)
+    return Examined(name, data, filtered, findings, white, errors, _expected(data))
 
 
-def _read(name: str, text: str) -> TrackPair:
+def read(name: str, text: str) -> TrackPair:
     """Return the recording in a text; refuse one that would keep the page busy for minutes."""
     instead = (
         f"this page takes at most {MOST}, inswsn run your-own-data -p recording={name} any number"
@@ -132,21 +143,22 @@ def _read(name: str, text: str) -> TrackPair:
     return data
 
 
-def _filtered(name: str, data: TrackPair, figures: Mapping[str, float]) -> Filtered:
-    """Run the filter as the page on your own data does."""
-    driven = figures["acceleration_noise"] * data.period
+def _assumed(period: float, figures: Mapping[str, float]) -> tuple[ErrorModel, Array]:
+    """Return the model of the page on your own data, and its first covariance."""
+    driven = figures["acceleration_noise"] * period
     model = ErrorModel.p1(
-        data.period,
-        process_noise=(driven * data.period / 2, driven),
+        period,
+        process_noise=(driven * period / 2, driven),
         measurement_noise=(figures["wsn_position_noise"], figures["wsn_velocity_noise"]),
     )
     first = figures["initial_position_error"], figures["initial_velocity_error"]
+    return model, np.diag(np.repeat(first, 2) ** 2)
+
+
+def _filtered(data: TrackPair, model: ErrorModel, initial: Array) -> Filtered:
+    """Run the filter as the page on your own data does."""
     y = data.ins - data.wsn
-    there = ~np.isnan(y)
-    if not there.any():
-        raise InswsnError(f"{name} has no fix where the INS has a row.")
-    initial = np.diag(np.repeat(first, 2) ** 2)
-    design = design_kalman(model, there, initial_covariance=initial)
+    design = design_kalman(model, ~np.isnan(y), initial_covariance=initial)
     errors = run_kalman(model, y, initial_covariance=initial)
     innovations = y - np.vstack([0 * errors[:1], errors[:-1] @ model.A.T]) @ model.C.T
     return Filtered(
@@ -175,6 +187,20 @@ def _whiteness(data: TrackPair, found: Filtered) -> dict[str, Any]:
         if np.isfinite(column[:1]).any()
     }
     return {"interval": usual * data.period, "lags": lags, "components": series}
+
+
+def _expected(data: TrackPair) -> tuple[float, float] | str:
+    """Return what a filter is expected to leave of the errors of fixes, or why that is unknown."""
+    if data.reference is None:
+        return "The file has no reference, so that the errors are unknown."
+    there = np.asarray(np.isfinite(data.wsn).any(axis=1))
+    usual = usual_spacing(there)
+    rows = slice(int(np.argmax(there)), None, usual)
+    ins, network = ((each - data.reference)[rows] for each in (data.ins, data.wsn))
+    try:
+        return ErrorStatistics.of(ins, network, usual * data.period).ratios()
+    except InswsnError as error:
+        return str(error)
 
 
 def _errors(data: TrackPair, found: Filtered) -> list[dict[str, Any]]:

@@ -16,8 +16,10 @@ from inswsn_book.live.own_data import Examined, examine
 from inswsn_book.show.moving import Chart, Moving
 from inswsn_lib.checks import Array
 from inswsn_lib.evaluation.consistency import FALSE_ALARM, mean_square
+from inswsn_lib.filters.expected_ratio import MISFIT, likely_interval
 from inswsn_lib.logs.columns import INS, TIME
 from inswsn_lib.logs.filter_checks import say_noise
+from inswsn_lib.logs.findings import verdict
 from inswsn_lib.logs.ins_wsn import TrackPair
 
 _POINTS = 1500  # of a series that is drawn
@@ -74,8 +76,22 @@ def _told(found: Examined) -> Iterator[str]:
     )
     yield _outages_told(data)
     yield from _fit_told(found)
-    if not found.errors:
-        yield "The file has no reference, so that the errors are unknown."
+    yield verdict(found.findings)
+    yield expected_told(found)
+
+
+def expected_told(found: Examined) -> str:
+    """Say what a filter is expected to leave of the errors of fixes, or why that is unknown."""
+    if isinstance(found.expected, str):
+        return found.expected
+    position, velocity = (
+        "{:.0%} ({:.0%} to {:.0%})".format(*likely_interval(*each))
+        for each in zip(found.expected, MISFIT, strict=True)
+    )
+    return (
+        "By how long errors of fixes last and the INS holds their accuracy, a filter is expected "
+        f"to have {position} of their error in position and {velocity} in velocity (90 %)."
+    )
 
 
 def _outages_told(data: TrackPair) -> str:
@@ -89,7 +105,7 @@ def _outages_told(data: TrackPair) -> str:
 
 def _fit_told(found: Examined) -> Iterator[str]:
     """Say what the innovations tell of the noise figures."""
-    told = {each.name: each for each in found.findings}
+    told = found.of_filter
     often = f"{1 - FALSE_ALARM:.1%}"
     size, colour = told["size"], told.get("colour")
     if size.fits is not None:
@@ -109,11 +125,20 @@ def _fit_told(found: Examined) -> Iterator[str]:
             f"The largest autocorrelation of neighbouring innovations is {colour.value:.2f}, up to "
             f"{colour.high:.2f} by chance."
         )
-    yield f"The verdict on the noise figures: {say_noise(found.findings)}."
+    yield f"The verdict on the noise figures: {say_noise([*told.values()])}."
 
 
 def _tables(found: Examined) -> Iterator[dict[str, Any]]:
     data = found.data
+    if doubtful := [each for each in found.findings if not each.fits]:
+        yield {
+            "caption": "Checks of the recording that fail, or that the data cannot decide.",
+            "header": ["check", "of", "found", "fits from", "to", "in words"],
+            "rows": [
+                [x.name, x.subject, *(_number(v) for v in (x.value, x.low, x.high)), x.says]
+                for x in doubtful
+            ],
+        }
     if data.outages:
         yield {
             "caption": "Outages of the network.",
@@ -135,7 +160,7 @@ def _tables(found: Examined) -> Iterator[dict[str, Any]]:
 
 
 def _number(value: float | None) -> str:
-    return "–" if value is None else f"{value:.3f}"
+    return "–" if value is None or value != value else f"{value:.3f}"  # noqa: PLR0124
 
 
 def _corrected(time: Array, corrected: Array) -> str:
@@ -155,7 +180,7 @@ def _figure(found: Examined) -> Moving:
     _draw_tracks(shown, found)
     _draw_error(shown, found)
     _draw_nis(shown, found)
-    if found.white["components"] and len(found.findings) > 1:
+    if found.white["components"] and len(found.of_filter) > 1:
         _draw_whiteness(shown, found)
     return shown
 
@@ -227,7 +252,7 @@ def _grouped(found: Examined) -> tuple[Array, Array, Array, Array, int]:
 
 def _draw_whiteness(shown: Moving, found: Examined) -> None:
     white = found.white
-    limit = min(1.0, found.findings[1].high)
+    limit = min(1.0, found.of_filter["colour"].high)
     lags = np.array(white["lags"])
     chart = shown.chart(
         "Are the innovations white?",

@@ -6,7 +6,6 @@ import shutil
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from inswsn_book.live.about import about_lesson
 from inswsn_book.live.bundle import archive
@@ -18,13 +17,18 @@ from inswsn_book.record.project import Chapter, Project
 from inswsn_book.run.store import Request, request_key
 from inswsn_lib.errors import BuildError
 
-#: The page that takes a reader's own file; its cells are those of the library with all packages
-OWN_DATA = "your-own-data"
+#: The pages that take a reader's own file
+OWN_DATA = ("which-filter", "your-own-data")
 
 
 def lessons(project: Project) -> list[Chapter]:
     """Return the lessons."""
     return [chapter for chapter in project.chapters() if chapter.number and "/" not in chapter.name]
+
+
+def pages(project: Project) -> list[Chapter]:
+    """Return the chapters whose cells run in the page: lessons, and those that take a file."""
+    return [*lessons(project), *(c for c in project.chapters() if c.name in OWN_DATA)]
 
 
 def put_in(project: Project, site: Path, progress: Progress) -> None:
@@ -38,7 +42,7 @@ def put_in(project: Project, site: Path, progress: Progress) -> None:
     made, place = project.build / "live", site / "_static" / "live"
     if not made.is_dir():
         raise BuildError(f"There is no {made}: make wasm makes it.")
-    chapters = lessons(project)
+    chapters = pages(project)
     with ThreadPoolExecutor(2) as pool:
         measured = [*pool.map(lambda chapter: _measured(project, chapter), chapters)]
     project.memory.save()
@@ -48,16 +52,14 @@ def put_in(project: Project, site: Path, progress: Progress) -> None:
     shutil.copy(project.root / "data" / "examples" / "ins-wsn.csv", place.parent)
     shutil.copytree(SCRIPTS, place.parent, dirs_exist_ok=True)
     noise = [{"name": name} | figure._asdict() for name, figure in FIGURES.items()]
-    told: dict[str, dict[str, Any]] = {OWN_DATA: {"cells": [], "parameters": [], "noise": noise}}
     for chapter, found in zip(chapters, measured, strict=True):
-        told[chapter.name] = about_lesson(chapter, found)
         runs = sum(not cell.needs for cell in found)
         progress.say(f"{chapter.name}: {runs} of {len(found)} cells run in the page")
-    for name, about in told.items():
-        path = site / "chapters" / f"{name}.html"
+        path = site / "chapters" / f"{chapter.name}.html"
         if not path.is_file():
             continue
-        about["megabytes"] = megabytes
+        about = about_lesson(project, chapter, found) | {"megabytes": megabytes}
+        about["noise"] = noise if chapter.name == "your-own-data" else []
         page = with_cells(path.read_text(encoding="utf-8"), "../", about)
         path.write_text(with_policy(page, policy_of(page)), encoding="utf-8")
 

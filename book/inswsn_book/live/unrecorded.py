@@ -18,8 +18,8 @@ from inswsn_lib.files import data_file
 
 
 @cache
-def _published() -> dict[str, dict[str, float]]:
-    """Return values by chapter and name, which ``bundle.py`` puts into the page."""
+def _published() -> dict[str, dict[str, list[float]]]:
+    """Return values, and ends of intervals, by chapter and name; ``bundle.py`` puts them here."""
     kept = data_file("published.json")
     return json.loads(kept.read_text(encoding="utf-8"))  # type: ignore[no-any-return]
 
@@ -36,6 +36,11 @@ class ChapterRecord:
     def __init__(self, *_: object, **__: object) -> None:
         pass
 
+    @property
+    def schema(self) -> None:
+        """Tell that the page has no table of parameters: its fields stand at their cell."""
+        raise AbsentError("pandas")
+
     def data(self, name: str) -> Path:
         """Return the path of a file, if the page has it."""
         try:
@@ -44,8 +49,9 @@ class ChapterRecord:
             raise AbsentError(f"data/{name}") from None
 
     def reference(self, chapter: str, name: str) -> Any:
-        """Return a number of another chapter, of which the page has the values alone."""
-        return SimpleNamespace(value=_published()[chapter][name])
+        """Return a number of another chapter, and its interval if it has one."""
+        value, *interval = _published()[chapter][name]
+        return SimpleNamespace(value=value, interval=tuple(interval) or None)
 
     def as_published(self, _: object) -> bool:
         """Tell that the page computes: it has not the numbers of a published run's intervals."""

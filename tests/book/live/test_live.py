@@ -157,7 +157,7 @@ def test_the_archive_is_the_same_each_time_and_has_data_that_json_can_read(
         licences = [name for name in names if name.rpartition("/")[2].startswith("LICENSE")]
         assert len(licences) == 2  # of mpmath and lazy_loader, which others made
         values = json.loads(packed.read("inswsn_lib/data/published.json"))
-    said = {q.name: q.value for q in published["p2-fusion"].quantities}
+    said = {q.name: [q.value, *(q.interval or ())] for q in published["p2-fusion"].quantities}
     assert values["p2-fusion"] == said
 
 
@@ -184,7 +184,7 @@ def test_parameters_become_fields(project: Project) -> None:
     assert len(lessons(project)) == 8
     (chapter,) = (each for each in lessons(project) if each.id == "lesson-2")
     measured = [Measured("", 0.123, "", []), *[Measured("scipy", 0, "", [])] * 18]
-    told = about_lesson(chapter, measured)
+    told = about_lesson(project, chapter, measured)
     seed, q_scale, *_ = told["parameters"]
     assert (seed["name"], seed["whole"], seed["low"], seed["high"]) == ("seed", True, 0, 1000000)
     assert (q_scale["value"], q_scale["low"]) == (1.0, 1e-4)

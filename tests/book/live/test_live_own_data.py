@@ -30,13 +30,14 @@ if TYPE_CHECKING:
 
 EXAMPLE = iw.data_file("examples/ins-wsn.csv")
 TEXT = EXAMPLE.read_text(encoding="utf-8")
-# The example with numpy alone, as in a page; what it finds goes to the standard output
+# A file with numpy alone, as in a page; what is found goes to the standard output
 ALONE = """
 import json, sys
 from inswsn_book.live import absent
 absent.block()
-from inswsn_book.live.own_page import look
+from inswsn_book.live import own_page, which_page
 text, options = json.load(sys.stdin)
+look = which_page.decide if options.pop("which", False) else own_page.look
 print(json.dumps(look(text, options), allow_nan=False))
 """
 
@@ -132,7 +133,7 @@ def test_it_is_what_the_chapter_published(found: Examined, published: dict[str, 
     results = published["your-own-data"]
     expected = {quantity.name: quantity.value for quantity in results.quantities}
     data = found.data
-    size, colour, _ = found.findings
+    size, colour = (found.of_filter[name] for name in ("size", "colour"))
     ours = {"nis.mean": size.value, "nis.lag1": abs(colour.value)}
     ours |= {"nis.low": size.low, "nis.high": size.high, "recording.steps": len(data.time)}
     ours |= {"recording.period": data.period, "recording.outages": len(data.outages)}
@@ -166,16 +167,76 @@ def test_the_figures_are_those_of_the_chapter(root: Path) -> None:
 
 def test_nothing_but_numpy_is_needed(shown: dict[str, Any]) -> None:
     """Also by plain loops the same is found."""
-    done = subprocess.run(
-        [sys.executable, "-c", ALONE], input=json.dumps([TEXT, {"name": "ins-wsn.csv"}]),
-        capture_output=True, text=True, check=True, timeout=120,
-    )  # fmt: skip
-    alone = json.loads(done.stdout)
+    alone = looked_at_alone(TEXT)
     assert alone["sentences"] == shown["sentences"]
     assert alone["tables"] == shown["tables"]
     for one, other in zip(alone["figure"]["charts"], shown["figure"]["charts"], strict=True):
         for here, there in zip(one["series"], other["series"], strict=True):
             np.testing.assert_allclose(here["values"][0], there["values"][0], atol=0.01)
+
+
+def looked_at_alone(text: str, **options: Any) -> dict[str, Any]:
+    done = subprocess.run(
+        [sys.executable, "-c", ALONE],
+        input=json.dumps([text, {"name": "ins-wsn.csv"} | options]),
+        capture_output=True, text=True, check=True, timeout=120,
+    )  # fmt: skip
+    return dict(json.loads(done.stdout))
+
+
+def exchanged() -> pd.DataFrame:
+    names = ["wsn_x_m", "wsn_y_m", "wsn_vx_mps", "wsn_vy_mps"]
+    return table().rename(columns=dict(zip(names, [names[i] for i in (1, 0, 3, 2)], strict=True)))
+
+
+def late() -> pd.DataFrame:
+    made = table()
+    made[list(iw.logs.WSN)] = made[list(iw.logs.WSN)].shift(4)
+    return made
+
+
+def lasting(tau: float = 3.0, wilder: float = 1.0) -> pd.DataFrame:
+    """Of 400 s: errors of fixes that last, and an INS whose drift is as wild from 80 s on."""
+    rng, T, n = np.random.default_rng(3), 0.2, 2000
+    fades = np.exp(-T / tau) if tau else 0.0
+    errors = rng.normal(size=(n, 4)) * [0.2, 0.2, 0.1, 0.1]
+    for k in range(1, n):
+        errors[k] = fades * errors[k - 1] + np.sqrt(1 - fades**2) * errors[k]
+    sizes = np.where(np.arange(n) < 80 / T, 0.02, 0.02 * wilder)
+    off = np.cumsum(rng.normal(size=(n, 2)) * sizes[:, None], axis=0)
+    drift = np.hstack([np.cumsum(off, axis=0) * T, off])
+    t = T * np.arange(n)
+    way = np.column_stack([9 * np.sin(t / 9), 7 * np.cos(t / 7), np.cos(t / 9), -np.sin(t / 7)])
+    names = [*iw.logs.INS, *iw.logs.WSN, *iw.logs.REFERENCE]
+    made = pd.DataFrame(np.hstack([way + drift, way + errors, way]), columns=names)
+    return made.assign(time_s=t).round(4)
+
+
+def wild() -> pd.DataFrame:
+    return lasting(tau=0.0, wilder=50.0)
+
+
+@pytest.mark.parametrize(
+    ("made", "said"),
+    [
+        (exchanged, "it is mirrored: x and y are exchanged"),
+        (late, "it is 0.8"),
+        (lasting, "neighbours are correlated"),
+    ],
+)
+def test_mistakes_are_told_with_numpy_alone(made: Callable[[], pd.DataFrame], said: str) -> None:
+    shown = looked_at_alone(made().to_csv(index=False))
+    (checks,) = (each for each in shown["tables"] if each["header"][0] == "check")
+    assert any(said in row[-1] for row in checks["rows"])
+    assert any(said.startswith("Recording and figures do not fit") for said in shown["sentences"])
+
+
+def test_what_a_filter_is_expected_to_gain_is_told() -> None:
+    """The law of lesson 8 has 0.83 for errors that last 3 s, and an INS that holds them 3.9 s."""
+    (said,) = (s for s in look(lasting().to_csv(index=False), {})["sentences"] if "expected" in s)
+    share = int(re.findall(r"have (\d+)%", said)[0])
+    assert share == pytest.approx(83, abs=12)
+    assert "too short to tell" in look(TEXT, {})["sentences"][-1]
 
 
 # Other files --------------------------------------------------------------------------------------
@@ -197,7 +258,7 @@ def test_figures_that_do_not_fit_are_told() -> None:
     )
     assert any("the noise figures are too small" in said for said in small)
     assert any("the noise figures are too large" in said for said in large)
-    assert {each.name: each.fits for each in lazy.findings}["colour"] is False
+    assert lazy.of_filter["colour"].fits is False
 
 
 def test_a_network_without_velocities_and_no_reference() -> None:
@@ -208,13 +269,13 @@ def test_a_network_without_velocities_and_no_reference() -> None:
     assert set(found.white["components"]) == {"x", "y"}
     assert found.errors == []
     assert "The file has no reference, so that the errors are unknown." in shown["sentences"]
-    assert [table["header"][0] for table in shown["tables"]] == ["begins at (s)"]
+    assert shown["tables"][-1]["header"][0] == "begins at (s)"
     few = table()
     few.loc[few.index > 0, ["wsn_x_m", "wsn_y_m", *velocities]] = np.nan
     text = few.drop(columns=list(references)).to_csv(index=False)
     found, shown = examine(text, {}), look(text, {})
-    assert [each.fits for each in found.findings] == [None]
-    assert shown["sentences"][-2].endswith("fixes are too few to tell size.")
+    assert [each.fits for each in found.of_filter.values()] == [None]
+    assert any(said.endswith("fixes are too few to tell size.") for said in shown["sentences"])
     assert len(shown["figure"]["charts"]) == 3
 
 
@@ -224,7 +285,7 @@ def test_a_slow_network_has_lags_of_its_own() -> None:
     found = examine(slow.to_csv(index=False), {})
     assert found.white["interval"] == pytest.approx(1.0, abs=0.01)
     assert all(each.fits is not False for each in found.findings)
-    assert found.findings[1].high > 0.3  # 60 fixes tell little
+    assert found.of_filter["colour"].high > 0.3  # 60 fixes tell little
 
 
 def test_the_nis_over_time_is_a_mean_of_some_fixes() -> None:

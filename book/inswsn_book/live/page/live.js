@@ -8,6 +8,15 @@
   const SERVE = "python -m http.server --bind 127.0.0.1";
   const HINT = "Code runs where you read it: change a cell and press Run, or Ctrl and Enter. Cells that need it follow, with their figures. "
     + "Text and tables stay the book's; a sentence that your numbers make untrue is named.";
+  // what is coloured in code that was edited, by the first of these that begins at a place
+  const TOKENS = new RegExp([
+    "(?<comment>#.*)",
+    `(?<string>[rbfu]{0,2}(?:"""[^]*?(?:"""|$)|'''[^]*?(?:'''|$)|"(?:\\\\.|[^"\\\\\\n])*"?|'(?:\\\\.|[^'\\\\\\n])*'?))`,
+    "(?<number>\\b(?:0x[\\da-f]+|\\d[\\d_]*(?:\\.\\d*)?(?:e[-+]?\\d+)?j?))",
+    "(?<keyword>\\b(?:False|None|True|and|as|assert|async|await|break|class|continue|def|del|elif|else|except|finally|for|from|global|if|import"
+      + "|in|is|lambda|nonlocal|not|or|pass|raise|return|try|while|with|yield)\\b)",
+    "\\w+",
+  ].join("|"), "g");
   const here = new URL(".", document.currentScript.src);
   const known = JSON.parse(document.getElementById("live").textContent);
 
@@ -74,6 +83,38 @@
 
   const contentOf = (name) => document.getElementById(`${name}-moving`)?.querySelector("script").textContent;
 
+  /** The colours of edited code: painted over it, so that the caret and what can be undone stay. */
+  const colours = Object.fromEntries((window.Highlight ? ["comment", "string", "number", "keyword"] : []).map((kind) => {
+    CSS.highlights.set(`live-${kind}`, new Highlight());
+    return [kind, CSS.highlights.get(`live-${kind}`)];
+  }));
+
+  /** Return the ranges of the words of some code that are coloured, [kind, range] each. */
+  function coloured(code) {
+    const [pieces, walk] = [[], document.createTreeWalker(code)];
+    let text = "";
+    while (walk.nextNode()) {
+      const node = walk.currentNode;
+      if (node.data) pieces.push([text.length, node]);
+      text += node.data ?? (node.localName === "br" ? "\n" : "");
+    }
+    return [...text.matchAll(TOKENS)].flatMap(({ 0: word, index, groups }) => {
+      const [kind, range] = [Object.keys(groups).find((each) => groups[each]), new Range()];
+      if (!colours[kind]) return [];
+      const place = (at) => pieces.findLast(([begins]) => begins <= at);
+      const [[from, first], [to, last]] = [place(index), place(index + word.length - 1)];
+      range.setStart(first, index - from);
+      range.setEnd(last, index + word.length - to);
+      return [[kind, range]];
+    });
+  }
+
+  function button(text, what, act) {
+    const made = make("button", { type: "button", class: "live-button", "aria-label": `${text} ${what}`.trim() }, text);
+    made.addEventListener("click", act);
+    return made;
+  }
+
   class Cell {
     constructor(input, number, about) {
       Object.assign(this, { input, number, about, runs: !about.needs });
@@ -87,6 +128,10 @@
       this.status = make("span", { class: "live-status", role: "status" });
       this.out = make("pre", { class: "live-out", tabindex: "0", "aria-label": `What cell ${number + 1} says` });
       this.out.hidden = true;
+      this.told = make("div", { class: "live-told" }); // errors of other cells, by what was edited here
+      this.because = make("span"); // of an error, or of not being run: a link to where it comes from
+      this.error = "";
+      this.colours = [];
       this.bar = make("div", { class: "live-bar" });
       this.code.id ||= `live-cell-${number + 1}`;
     }
@@ -95,9 +140,10 @@
     build(cells) {
       if (this.runs) {
         // what needs a cell that has changed, or shows what another source has made, follows it
-        this.run = this.button("Run", () => request(cells, this.number, this.source !== this.last || this.isOld(cells)));
-        this.halt = this.button("Stop", stop);
-        this.reset = this.button("Reset", () => this.putBack(cells));
+        const name = `cell ${this.number + 1}`;
+        this.run = button("Run", name, () => request(cells, this, [this.number], this.source !== this.last || this.isOld(cells)));
+        this.halt = button("Stop", name, stop);
+        this.reset = button("Reset", name, () => this.putBack(cells));
         this.halt.hidden = this.reset.hidden = true;
         for (const [key, value] of Object.entries({ contenteditable: "plaintext-only", spellcheck: "false", role: "textbox",
           "aria-multiline": "true", "aria-label": `Code of cell ${this.number + 1}`, tabindex: "0" })) this.code.setAttribute(key, value);
@@ -110,7 +156,7 @@
           event.preventDefault();
           this.run.click();
         });
-        this.bar.append(this.run, this.halt, this.reset, this.status);
+        this.bar.append(this.run, this.halt, this.reset, this.status, this.because);
       } else {
         this.bar.append(`Not in the page: it needs ${this.about.needs}.`, this.status);
         const next = cells.slice(this.number + 1).find((cell) => cell.runs);
@@ -119,20 +165,20 @@
           this.bar.append(make("a", { href: new URL("../reproduce.html#in-jupyterlab", here) }, "On your own machine all cells run."));
         }
       }
-      this.input.after(this.bar, this.out);
+      this.input.after(this.bar, this.out, this.told);
     }
 
-    button(text, act) {
-      const button = make("button", { type: "button", class: "live-button", "aria-label": `${text} cell ${this.number + 1}` }, text);
-      button.addEventListener("click", act);
-      return button;
-    }
+    get edited() { return this.source !== this.first.source; }
+
+    get link() { return make("a", { href: `#${this.code.id}` }, `cell ${this.number + 1}`); }
 
     /** Show whether a reader has changed it, or what it shows; what was coloured as code may be another word now. */
     showEdited() {
-      const edited = this.source !== this.first.source;
-      this.code.classList.toggle("live-edited", edited);
-      this.reset.hidden = !edited && !Object.keys(this.shown).length;
+      this.code.classList.toggle("live-edited", this.edited);
+      this.reset.hidden = !this.edited && !Object.keys(this.shown).length;
+      for (const [kind, range] of this.colours) colours[kind].delete(range);
+      this.colours = this.edited ? coloured(this.code) : [];
+      for (const [kind, range] of this.colours) colours[kind].add(range);
     }
 
     /** This cell and those that it needs. */
@@ -160,6 +206,7 @@
         redraw(name, text);
       }
       this.printed.forEach((node) => { node.hidden = true; });
+      this.error = said.error;
       const text = said.text + (said.error || "");
       this.out.textContent = text;
       this.out.hidden = !text;
@@ -185,6 +232,7 @@
       const others = cells.filter((cell) => cell === this || Object.keys(cell.shown).length);
       others.filter(asInBook).forEach((cell) => cell.putBackResults());
       cells.forEach((cell) => cell.mark(cells));
+      blame(cells, this);
     }
 
     putBackResults() {
@@ -193,6 +241,7 @@
       this.first.figures.clear();
       this.shown = {};
       this.out.hidden = true;
+      this.error = "";
       this.status.textContent = "as in the book";
       this.showEdited();
     }
@@ -216,14 +265,33 @@
     return told.length ? [first.status.textContent.replace(/\.?$/, "."), ...told].join(" ") : first.status.textContent;
   }
 
-  /** Run a cell with those that it needs above; if it is another now, with those below that need it or are out of date. */
-  async function request(cells, number, below) {
+  /** Show an error beside the cell that was edited and makes another fail, and links from that one, and from those that wait for it. */
+  function blame(cells, first) {
+    for (const cell of cells) for (const node of [cell.told, cell.because]) node.replaceChildren();
+    for (const cell of cells.filter(({ error }) => error)) {
+      const edited = cell.needed(cells).filter((each) => each.edited);
+      const by = [cell, first, ...edited].find((each) => edited.includes(each));
+      if (by && by !== cell) {
+        by.told.append(make("p", {}, "By this, ", cell.link, " fails:"), make("pre", { class: "live-out live-error", tabindex: "0", "aria-label": "Its error" }, cell.error));
+        cell.out.textContent = cell.error.trim().split("\n").at(-1);
+        cell.because.append("by what was edited in ", by.link);
+      }
+      for (const other of cells) {
+        if (!other.runs || other.error || !other.isOld(cells) || !other.about.before.includes(cell.number)) continue;
+        other.status.textContent = "not run: it needs";
+        other.because.replaceChildren(cell.link);
+      }
+    }
+  }
+
+  /** Run cells with those that they need above, for one or for the page; `below` with those that need it or are out of date. */
+  async function request(cells, first, asked, below) {
     if (busy) return;
     busy = true;
     const live = cells.filter((cell) => cell.runs);
-    const [first, untrue] = [cells[number], []];
-    let [failed, stopped] = [0, ""];
-    const wanted = [number, ...(below ? live.filter((cell) => cell !== first && cell.isOld(cells)).map((cell) => cell.number) : [])];
+    const untrue = [];
+    let stopped = "";
+    const wanted = [...asked, ...(below ? live.filter((cell) => cell !== first && cell.isOld(cells)).map((cell) => cell.number) : [])];
     live.forEach((cell) => { cell.run.disabled = true; });
     first.halt.hidden = false;
     first.status.textContent = worker ? "waits" : `Python starts: ${known.megabytes} MB, once`;
@@ -231,20 +299,22 @@
       await send({ run: { sources: cells.map((cell) => cell.source), runs: cells.map((cell) => cell.runs), wanted, below } },
         (said) => {
           const cell = cells[said.cell];
-          if (said.error && cell !== first) failed += 1;
           if (said.text && cell !== first) untrue.push(...(said.text.match(UNTRUE) ?? []));
           cell.take(said, cells);
         });
     } catch (error) {
       stopped = error.message;
       for (const cell of cells) {
-        if (!/^(runs|waits|Python starts)/.test(cell.status.textContent)) continue;
+        if (!/^(runs,|runs$|waits|Python starts)/.test(cell.status.textContent)) continue;
         cell.status.textContent = "";
         cell.out.hidden = true; // it is of a run before
       }
     }
     cells.forEach((cell) => cell.mark(cells));
+    if (!cells.includes(first)) first.status.textContent = "All have run.";
+    const failed = cells.filter((cell) => cell.error && cell !== first).length;
     first.status.textContent = stopped || toldOf(cells, first, failed, untrue);
+    blame(cells, first);
     busy = false;
     live.forEach((cell) => { cell.run.disabled = false; });
     first.halt.hidden = true;
@@ -264,12 +334,22 @@
         cell.source = cell.source.replace(line, (_, start, end) => start + field.value + end);
         cell.code.textContent = cell.source;
         cell.showEdited();
-        request(cells, cell.number, true);
+        request(cells, cell, [cell.number], true);
       });
       cell.reset.addEventListener("click", () => { field.value = value; });
       return make("div", { class: "live-field" }, make("label", { for: field.id, title: meaning }, name), field);
     });
     cell.bar.prepend(...fields);
+  }
+
+  /** Buttons for all cells of the page. */
+  function barOfAll(cells) {
+    const live = cells.filter((cell) => cell.runs);
+    const page = { status: make("span", { class: "live-status", role: "status" }), halt: button("Stop", "", stop) };
+    page.halt.hidden = true;
+    return make("div", { class: "live-bar" },
+      button("Run all", "", () => request(cells, page, live.map((cell) => cell.number), false)), page.halt,
+      button("Reset all", "", () => live.forEach((cell) => cell.reset.hidden || cell.reset.click())), page.status);
   }
 
   function start() {
@@ -282,7 +362,7 @@
     const cells = known.cells.map((about, number) => new Cell(inputs[number], number, about));
     cells.forEach((cell) => cell.build(cells));
     addParameters(cells);
-    cells[0]?.box.before(make("p", { class: "live-bar" }, HINT));
+    cells[0]?.box.before(make("p", { class: "live-bar" }, HINT), barOfAll(cells));
   }
 
   if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", start);

@@ -1,16 +1,15 @@
-/* A reader's own recording on the page of the page on your own data: drop a CSV file, see what the filter finds.
+/* A reader's own recording, on the pages "Your own data" and "Which filter?": drop a CSV file, see what comes of it.
 
-   The page has an empty <section id="own-data" hidden data-example="…">. Where Python runs in the
-   page, by window.inswsnLive, this script fills and shows it. The file is read here and given to
-   Python in this browser; it is sent nowhere. Python computes and words everything
-   (inswsn_book.live.own_page), and its charts are drawn as all others that move (moving.js). What
+   The page has an empty <section id="own-data" hidden data-example="…">, with its heading, what it says, and the
+   function of Python that looks at the file. Where Python runs in the page, by window.inswsnLive, this script fills
+   and shows it. The file is read here and given to Python in this browser; it is sent nowhere. Python computes and
+   words everything (inswsn_book.live.own_page, which_page), and its charts are drawn as all others that move (moving.js). What
    comes from a file is set as text alone. */
 "use strict";
 
 (() => {
   if (window.inswsnOwnData) return; // included twice
 
-  const LOOK = "inswsn_book.live.own_page:look";
   const LARGEST = 50e6; // bytes: more lines than Python takes, and nothing to load into a page
 
   function make(name, attributes = {}, ...children) {
@@ -36,7 +35,7 @@
     URL.revokeObjectURL(address);
     address = URL.createObjectURL(new Blob([csv], { type: "text/csv" }));
     const file = `${name.replace(/\.[^.]*$/, "")}-corrected.csv`;
-    return make("p", {}, make("a", { class: "btn btn-sm own-data-button", href: address, download: file }, "Download the corrected track (CSV)"));
+    return csv && make("p", {}, make("a", { class: "btn btn-sm own-data-button", href: address, download: file }, "Download the corrected track (CSV)"));
   }
 
   /** Put what was found into its place, with its charts. */
@@ -44,9 +43,9 @@
     const content = make("script", { type: "application/json" }, JSON.stringify(found.figure));
     const charts = make("section", { class: "moving", id: "own-data-moving", "data-figure": "own-data-figure" }, content);
     place.replaceChildren(
-      make("h3", {}, `What the filter finds in ${found.name}`),
+      make("h3", {}, found.figure.title),
       make("ul", {}, ...found.sentences.map((text) => make("li", {}, text))),
-      downloadOf(found), make("div", { id: "own-data-figure" }), charts, ...found.tables.map(tableOf),
+      downloadOf(found) ?? make("pre", { tabindex: "0", "aria-label": "Code with your numbers" }, found.code), make("div", { id: "own-data-figure" }), charts, ...found.tables.map(tableOf),
     );
     place.hidden = false;
     window.inswsnMoving.start(charts);
@@ -94,7 +93,7 @@
 
     function compute() {
       const figures = fields.map(({ name, input }) => [name, input.value === "" ? null : Number(input.value)]);
-      return window.inswsnLive.call(LOOK, [recording.text, { name: recording.name, ...Object.fromEntries(figures) }]);
+      return window.inswsnLive.call(root.dataset.look, [recording.text, { name: recording.name, ...Object.fromEntries(figures) }]);
     }
 
     const computing = (name) => `Computing ${name}. The first time, Python is loaded into this page, which takes some seconds.`;
@@ -114,7 +113,7 @@
 
     const takeFile = (chosen) => chosen && take(chosen.name, chosen.size, () => chosen.arrayBuffer());
     const drop = make("div", { class: "own-data-drop" },
-      make("label", { for: file.id }, "Choose a CSV file of the form below, or drop one here"), file, example);
+      make("label", { for: file.id }, "Choose a CSV file with an INS and a network, or drop one here"), file, example);
     file.addEventListener("change", () => takeFile(file.files[0]));
     file.addEventListener("click", () => { file.value = ""; }); // the same file may be chosen again
     example.addEventListener("click", () => take("ins-wsn.csv", 0, async () => {
@@ -131,11 +130,11 @@
     root.addEventListener("drop", (event) => { event.preventDefault(); takeFile(event.dataTransfer.files[0]); });
 
     root.append(
-      make("h2", { id: "own-data-heading" }, "Your file in this page"),
-      make("p", {}, "Python runs in this page and filters your recording as this chapter does. The file does not leave your machine. That it fits the form is checked here; delays, frames and outliers are looked for by inswsn run your-own-data alone."),
+      make("h2", { id: "own-data-heading" }, root.dataset.heading),
+      make("p", {}, root.dataset.said),
       drop,
-      make("details", {}, make("summary", {}, "Noise figures of the filter (standard deviations)"),
-        make("div", { class: "own-data-figures" }, ...fields.map(({ field }) => field), again)),
+      ...(fields.length ? [make("details", {}, make("summary", {}, "Noise figures of the filter (standard deviations)"),
+        make("div", { class: "own-data-figures" }, ...fields.map(({ field }) => field), again))] : []),
       status, alert, results,
     );
     root.setAttribute("aria-labelledby", "own-data-heading");

@@ -1,0 +1,313 @@
+"""What the page "Which filter?" says of a reader's own file: answers, a figure, and code.
+
+The noise figures are fitted by the likelihood of the innovations, with numpy alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from inswsn_book.live.own_data import read
+from inswsn_book.show.moving import Moving, Slider
+from inswsn_lib.checks import Array
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.evaluation.consistency import normalised_squares
+from inswsn_lib.filters.kalman import KalmanDesign, design_kalman, run_kalman
+from inswsn_lib.logs.filter_checks import check_filter, say_noise, usual_spacing
+from inswsn_lib.logs.ins_wsn import TrackPair
+from inswsn_lib.models import ErrorModel
+
+_MOST, _FEWEST, _SETTLED = 600, 60, 5  # fixes that are fitted, and the first that do not count
+_HOLDS = np.geomspace(2, 2000, 13)  # intervals of fixes for which the INS holds their accuracy
+_LASTS, _WHITE = (2, 5, 15, 50), (0.02, 0.3)  # intervals that errors last; a share does not
+_BETTER, _ALIKE = 10.0, 2.0  # by how much a logarithm of a likelihood tells, and does not
+_KNOWN, _HELPLESS = 10.0, 0.9  # a factor of deviations, and what is next to no gain
+_FACTORS = (0.001, 0.01, 0.1, 1.0, 10.0, 100.0, 1000.0)  # of Q
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Noise figures of a recording, along an axis: what they are, and how likely.
+
+    `noise` are deviations of position (m) and velocity (m/s) of fixes, of which the share `white`
+    is white and the rest lasts `lasts` s; `holds` s long the INS holds the accuracy of a fix.
+    `likely` are logarithms of the likelihood: of all that is fitted, and of each half.
+    """
+
+    period: float
+    holds: float
+    lasts: float
+    white: float
+    noise: Array
+    likely: tuple[float, ...] = ()
+
+    @property
+    def density(self) -> float:
+        """Of the random walk of the INS's velocity error, m²/s³."""
+        return float(3 * self.noise[0] ** 2 / self.holds**3)
+
+    def model(self, factor: float = 1.0) -> ErrorModel:
+        """Return the model of an axis, with the drift's variance times a factor."""
+        step = np.sqrt(self.density * self.period * factor)
+        model = ErrorModel(
+            A=np.array([[1, self.period], [0, 1]]), B=np.diag([step * self.period / 2, step]),
+            C=np.eye(2)[: len(self.noise)], D=np.diag(self.noise), period=self.period,
+        )  # fmt: skip
+        return model.with_coloured_noise(self.lasts, self.white) if self.lasts else model
+
+    def run(self, y: Array, factor: float = 1.0) -> Run:
+        """Run its filter over INS less network, (steps, components, axes)."""
+        model, lasting = self.model(factor), (1 - self.white) * self.noise**2
+        far = 1e4 * self.noise[0] ** 2 * np.array([1, 1 / self.period**2])
+        P0 = np.diag(np.append(far, lasting if self.lasts else []))
+        there = np.isfinite(y[..., 0])
+        ahead = run_kalman(model, y, initial_covariance=P0, predicted=True)
+        return Run(
+            design_kalman(model, there, initial_covariance=P0),
+            run_kalman(model, y, initial_covariance=P0)[:, :2],
+            y - np.einsum("ij,kja->kia", model.C, ahead),
+        )
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a filter finds: its design, the error of the INS, and innovations, by step and axis."""
+
+    design: KalmanDesign
+    states: Array
+    innovations: Array
+
+    @cached_property
+    def nis(self) -> float:
+        """The mean normalised square of a component of an innovation."""
+        S, left = (x[_SETTLED:] for x in (self.design.innovation, self.innovations))
+        total = sum(np.nansum(normalised_squares(left[..., axis], S)) for axis in (0, 1))
+        return float(total / np.isfinite(left).sum())
+
+    @property
+    def halves(self) -> tuple[Run, Run]:
+        """It before and after its middle."""
+        half = len(self.states) // 2
+        parts = slice(None, half), slice(half - _SETTLED, None)
+        of = self.design
+        first, second = (
+            Run(
+                KalmanDesign(of.gains[p], of.predicted[p], of.filtered[p], of.innovation[p]),
+                self.states[p],
+                self.innovations[p],
+            )
+            for p in parts
+        )
+        return first, second
+
+    @property
+    def likely(self) -> float:
+        """The logarithm of the likelihood, all variances times what makes the mean NIS 1."""
+        left, S = (x[_SETTLED:] for x in (self.innovations, self.design.innovation))
+        there = np.isfinite(left[:, 0, 0])
+        sizes = 2 * float(np.linalg.slogdet(S[there])[1].sum())
+        return -0.5 * (int(np.isfinite(left).sum()) * float(np.log(self.nis)) + sizes)
+
+
+def measured(data: TrackPair) -> tuple[Array, float, slice]:
+    """Return INS less network at fixes (fixes, components, axes), their interval, and the rows."""
+    there = np.asarray(np.isfinite(data.wsn[:, :2]).all(axis=1))
+    usual = usual_spacing(there)
+    rows = slice(int(np.argmax(there)), None, usual)
+    y = (data.ins - data.wsn)[rows].reshape(-1, 2, 2)
+    y = y if np.isfinite(y[:, 1]).any() else y[:, :1]
+    y = np.where(np.isfinite(y).all(axis=(1, 2), keepdims=True), y, np.nan)
+    if np.isfinite(y[:_MOST, 0, 0]).sum() < _FEWEST:
+        raise InswsnError(f"Fewer than {_FEWEST} fixes are too few to tell a filter by.")
+    return y[:_MOST], usual * data.period, rows
+
+
+def fit(y: Array, period: float) -> tuple[Fit, list[tuple[float, float]]]:
+    """Return the likeliest figures, and between which hold times are about as likely.
+
+    Of all that is fitted, and of each of its halves.
+    """
+    apart = np.diff(y, 2, axis=0)
+    noise = np.maximum(np.sqrt(np.nanmean(apart**2, axis=(0, 2)) / 6), 1e-9)
+
+    def tried(holds: Array, lasts: float = 0.0, white: float = 1.0) -> Iterator[Fit]:
+        for hold in holds:
+            run = Fit(period, hold, lasts, white, noise).run(y)
+            likely = run.likely, *(half.likely for half in run.halves)
+            yield Fit(period, hold, lasts, white, noise * run.nis**0.5, likely)
+
+    def best(found: list[Fit]) -> Fit:
+        return max(found, key=lambda each: each.likely[0])
+
+    holds, found = _HOLDS * period, [*tried(_HOLDS * period)]
+    longer = holds[found.index(best(found)) :][:5:2]  # errors that last look like drift
+    lasting = best([x for t in _LASTS for w in _WHITE for x in tried(longer, t * period, w)])
+    if lasting.likely[0] - best(found).likely[0] > _BETTER:
+        found = [*tried(holds, lasting.lasts, lasting.white)]
+    alike = []
+    for likely in np.array([each.likely for each in found]).T:
+        near = holds[likely > likely.max() - _ALIKE]
+        alike.append((float(near[0]), float(near[-1])))
+    if alike[0][1] == holds[-1]:  # a drift too small to be seen: the largest that is as likely
+        return found[holds.tolist().index(alike[0][0])], alike
+    return best(found), alike
+
+
+def decide(text: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the page shows of a recording: answers, a figure, and code with its numbers.
+
+    Parameters
+    ----------
+    text, options
+        As `examine` takes them, which says what is refused; of the options the ``name`` alone.
+
+    Examples
+    --------
+    >>> from inswsn_book.live.which_page import decide
+    >>> from inswsn_lib.files import data_file
+    >>> found = decide(data_file("examples/ins-wsn.csv").read_text(), {"name": "my.csv"})
+    >>> found["sentences"][-1]
+    'Take the Kalman filter; the code below has your numbers.'
+    """
+    name = str(options.get("name", "my-recording.csv"))
+    data = read(name, text)
+    y, period, rows = measured(data)
+    found, (alike, *halves) = fit(y, period)
+    run = found.run(y)
+    kept = np.sqrt(run.design.filtered[-1].diagonal()[: len(found.noise)]) / found.noise
+    # deviations of the drift go with the hold time to the power of 3/2
+    wide = max((alike[1] / alike[0]) ** 0.75, (_HOLDS[1] / _HOLDS[0]) ** 0.75)
+    unlike = (max(low for low, _ in halves) / min(high for _, high in halves)) ** 1.5
+    chosen = "kalman" if not found.lasts else "none" if kept[0] > _HELPLESS else "lasting"
+    chosen = "worst" if unlike > _KNOWN else chosen
+    S: Array = np.kron(run.design.innovation, np.eye(2)).astype(float)
+    checks = check_filter(run.innovations.reshape(len(y), -1), S)
+    sentences = [
+        *_answers(data, found, wide, unlike, kept),
+        f"Does that fit? Of the noise figures: {say_noise(checks)}.",
+        f"Take {TAKEN[chosen]}; the code below has your numbers.",
+    ]
+    return {
+        "name": name,
+        "sentences": sentences,
+        "figure": _figure(name, data, found, y, rows).content(),
+        "tables": [],
+        "code": _code(name, data, found, chosen),
+    }
+
+
+TAKEN = {
+    "kalman": "the Kalman filter",
+    "lasting": "the Kalman filter with states for errors that last",
+    "none": "the Kalman filter with states for errors that last, for the velocity; in position no "
+    "filter helps much",
+    "worst": "the H-infinity filter",
+}
+
+
+def _answers(data: TrackPair, found: Fit, wide: float, unlike: float, kept: Array) -> Iterator[str]:
+    """Answer the questions of the page, as they are numbered there."""
+    units = zip(found.noise, ("m", "m/s"), strict=False)
+    known = "yes"
+    if unlike > _KNOWN:
+        known = f"no, the halves of the file have drifts that differ by a factor of {unlike:.0f}"
+    yield (
+        f"1. Drift and noise are known: {known}. Fixes scatter by "
+        + " and ".join(f"{size:.3g} {unit}" for size, unit in units)
+        + f"; the error of the INS's acceleration is {_acceleration(data, found):.2g} m/s², to a "
+        f"factor of {wide:.1f}."
+    )
+    long = "yes" if found.lasts and kept[0] > _HELPLESS else "no"
+    yield (
+        f"2. Errors outlast the INS: {long}. The INS holds the accuracy of a fix for "
+        f"{found.holds:.2g} s; a filter that knows all this should leave {kept[0]:.0%} of the "
+        "error of a fix in position"
+        + (f" and {kept[1]:.0%} in velocity." if len(kept) > 1 else ".")
+    )
+    if found.lasts:
+        yield (
+            f"3. Errors of fixes are independent: no. {1 - found.white:.0%} of their variance "
+            f"lasts about {found.lasts:.2g} s."
+        )
+    else:
+        yield "3. Errors of fixes are independent: there is no sign that they last."
+    longest = max((j - i for i, j in data.outages), default=0) * data.period
+    coasts = "yes" if longest > found.holds else "no"
+    gap = f"The longest gap is {longest:.3g} s."
+    yield f"4. Fixes stop for longer than the INS holds: {coasts}. {gap}"
+    yield "5 and 6. Of other networks and of wheels a file with one network tells nothing."
+
+
+def _acceleration(data: TrackPair, found: Fit) -> float:
+    """Return the deviation of the error of acceleration, as white from row to row, m/s²."""
+    return float(np.sqrt(found.density / data.period))
+
+
+def _figure(name: str, data: TrackPair, found: Fit, y: Array, rows: slice) -> Moving:
+    """Return both ways of being wrong about Q: what a filter leaves, by the Q that it assumes."""
+    told, sizes = {}, {}
+    for factor in _FACTORS:
+        run = found.run(y, factor)
+        error, told[factor] = run.innovations[_SETTLED:, 0], run.nis
+        if data.reference is not None:
+            true = (data.ins - data.reference)[rows].reshape(-1, 2, 2)[: len(y)]
+            error = (run.states - true)[_SETTLED:, 0]
+        sizes[factor] = float(np.sqrt(2 * np.nanmean(error**2)))
+    what = "position" if data.reference is not None else "the next fix, as predicted"
+    what, top = f"RMS error of {what}", 1.1 * min(max(sizes.values()), 5 * sizes[1.0])
+    slider = Slider("q", "assumed Q over the fitted one", _FACTORS, 1.0)
+    shown = Moving(f"What {name} answers", slider)
+    chart = shown.chart(
+        f"Both ways of being wrong about Q: {what}",
+        x="assumed Q over the fitted one (power of ten)",
+        y="m",
+        xlim=(-3, 3),
+        ylim=(0, top),
+    )
+    reached = np.minimum([*sizes.values()], top)
+    shown.draw(chart, "kalman", "", (np.log10(_FACTORS), reached))
+    shown.draw(chart, "published", "", lambda q: ([np.log10(q)] * 2, [0.0, top]))
+    shown.sentence(
+        lambda q: (
+            f"With {q:g} times the fitted Q: {what} {sizes[q]:.3g} m, mean NIS {told[q]:.2f}, "
+            "which should be 1."
+        )
+    )
+    shown.number("kalman", what, lambda q: f"{sizes[q]:.3g} m")
+    shown.number("published", "mean NIS (1 if it fits)", lambda q: f"{told[q]:.2f}")
+    return shown
+
+
+def _code(name: str, data: TrackPair, found: Fit, chosen: str) -> str:
+    """Return lines that run the filter on the file, with the numbers that were found."""
+    size = [f"{each:.3g}" for each in found.noise]
+    position, velocity = size if len(size) > 1 else [*size, "1.0"]
+    lines = [
+        "from pathlib import Path", "import numpy as np", "import inswsn_lib as iw", "",
+        f"data = iw.read_recording(Path({name!r}), resample=True)",
+        f"T, a = data.period, {_acceleration(data, found):.3g}  # s, m/s^2",
+        "model = iw.ErrorModel.p1(", "    T, process_noise=(a * T**2 / 2, a * T),",
+        f"    measurement_noise=({position}, {velocity})", ")",
+        "y = data.ins - data.wsn  # NaN where there is no fix",
+    ]  # fmt: skip
+    if chosen == "worst":
+        lines += [
+            "design = iw.design_filter(model)",
+            "first = y[np.isfinite(y).all(axis=1)][0]",
+            "error = iw.run_hinfinity(design, y, initial_state=first)",
+        ]
+    else:
+        lines += ["P0 = [1e4, 1e4, 1e2, 1e2]"]
+        if found.lasts:
+            lines += [
+                f"R = np.repeat([{position}, {velocity}], 2) ** 2",
+                f"model = model.with_coloured_noise({found.lasts:.3g}, white={found.white:g})",
+                f"P0 = [*P0, *({1 - found.white:g} * R)]",
+            ]
+        lines += ["error = iw.run_kalman(model, y, initial_covariance=np.diag(P0))[:, :4]"]
+    return "\n".join([*lines, 'np.savetxt("corrected.csv", data.ins - error, delimiter=",")', ""])
