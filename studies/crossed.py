@@ -434,7 +434,9 @@ def run_sample(project: Project, before: Crossed, given: argparse.Namespace) -> 
     """Return a study with the ranges of some chapters anew."""
     lab, made = open_lab(project, EVERY, given.jobs)
     sampled, spreads = sample(project, lab, given.sample, given.sampled, made)
-    return before.model_copy(update={"sampled": sampled, "spreads": before.spreads | spreads})
+    left_out = reasons(load_assumptions(project.root))
+    found = {"sampled": sampled, "spreads": before.spreads | spreads, "runs": RUNS}
+    return before.model_copy(update=found | {"left_out": left_out})
 
 
 def run_crossed(project: Project, given: argparse.Namespace) -> Crossed:
