@@ -344,7 +344,6 @@ def sample(
 ) -> tuple[Sampled, dict[str, Spread]]:
     """Return the ranges of the results of some chapters, from points that have no indices."""
     assumptions, factors, spreads, kept = load_assumptions(project.root), {}, {}, {}
-    before = lab.seconds
     for chapter in chapters:
         names = factors[chapter] = tuple(f.name for f in lab.crossing.of_chapter(chapter))
         points = [lab.crossing.chosen(), *places_of(names, count)]
@@ -354,9 +353,10 @@ def sample(
             values = column(found, h.key)
             spreads[label(h)] = spread_of(h, values, chosen[h.key], h.value(published))
             kept[label(h)] = tuple(_exact(f.get(h.key)) for f in found[:REPEATED])
+    took = sum(s for key, (_, s) in lab.found.items() if key.split()[0] in chapters)
     sampled = Sampled(
         made=made,
-        hours=round((lab.seconds - before) / 3600, 3),
+        hours=round(took / 3600, 3),
         chapters=factors,
         points=count,
         starts={name: tuple(numbers) for name, numbers in lab.starts.items()},
