@@ -11,10 +11,10 @@ from typing import Literal, NamedTuple
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
-from scipy.stats import t
 
 from inswsn_lib.checks import Array, array, whole
 from inswsn_lib.errors import ParameterError
+from inswsn_lib.evaluation.clusters import cluster_mean
 from inswsn_lib.evaluation.metrics import spread
 
 #: A cell is explained if the rebuilt one is within this share of it.
@@ -208,27 +208,26 @@ class Scores:
 def paired_lead(values: ArrayLike, others: ArrayLike) -> Lead:
     r"""Return by how much some values are below others of the same runs, in per cent of these.
 
-    The interval is Student's of a mean of paired differences,
-    :math:`\bar d \pm t_{n-1}\, s_d / \sqrt{n}`.
+    The half-width is that of the farther end of `cluster_mean` for the paired differences.
 
     Parameters
     ----------
     values, others : array_like, (runs,)
-        In one unit.
+        In one unit, five runs or more.
 
     Examples
     --------
     What both have in common, run by run, does not widen the interval:
 
     >>> from inswsn_lib.evaluation import paired_lead
-    >>> paired_lead([0.0, 10.0, 20.0], [2.0, 12.0, 22.0]).within
+    >>> paired_lead([0.0, 10.0, 20.0, 5.0, 7.0], [2.0, 12.0, 22.0, 7.0, 9.0]).within
     0.0
     """
     one = array("values", values, ("runs",))
     two = array("others", others, one.shape)
     gain, scale = two - one, 100 / two.mean()
-    within = t.ppf(0.975, len(gain) - 1) * gain.std(ddof=1) / math.sqrt(len(gain))
-    return Lead(float(scale * gain.mean()), float(scale * within))
+    mean, low, high = cluster_mean(gain, np.arange(len(gain)))
+    return Lead(float(scale * mean), float(scale * max(mean - low, high - mean)))
 
 
 @dataclass(frozen=True, eq=False)
