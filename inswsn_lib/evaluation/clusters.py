@@ -92,7 +92,7 @@ def cluster_share(
     --------
     >>> from inswsn_lib.evaluation import cluster_share
     >>> print([f"{x:.2f}" for x in cluster_share([2, 3, 3, 4, 6], [4, 5, 6, 7, 9], range(5))])
-    ['0.58', '0.49', '0.67']
+    ['0.58', '0.44', '0.67']
     """
     a, b = array("part", part, ("n",)), array("whole", whole, ("n",))
     share, sign = float(a.mean() / b.mean()), np.sign(b.mean())
