@@ -1,14 +1,17 @@
 """The assumptions crossed, and not one at a time, on the cores with few runs: `make studies`.
 
     python studies/crossed.py [--jobs 2]
-    python studies/crossed.py --into /tmp/look --trajectories 2 --base 8 --points 2
+    python studies/crossed.py --into /tmp/look --trajectories 2 --base 8 --points 2 --sampled 8
+    python studies/crossed.py --sample p3-vehicle --sample p2-fusion
 
 Two steps for each chapter of `factors.CROSSED`. A screening by Morris tells which of all factors
 are strong; then Sobol' indices of the strongest, those of the other factors as one group. So all
-factors vary in all points, whose results are the headline results as distributions. What comes of
-it is kept in data/crossed.json and data/crossed.svg. It takes some hours of two cores, and may be
-stopped at any time: what was found at a point is kept below _build and is not computed again, for
-as long as neither the library nor what the study reads changes.
+factors vary in all points, whose results are the headline results as distributions. Chapters of
+`factors.SAMPLED` have no indices: a smaller sample tells the distributions of their results, and
+with --sample those of other chapters anew, whose indices stay as they are kept. What comes of it is
+kept in data/crossed.json and data/crossed.svg. The whole takes some hours of two cores, a sample
+some minutes. It may be stopped at any time: what was found at a point is kept below _build and is
+not computed again, for as long as neither the library nor what the study reads changes.
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from crossed_figure import crossed_svg
-from factors import CROSSED, Crossing, Factor, Point, load_crossing, reasons
+from factors import CROSSED, EVERY, SAMPLED, Crossing, Factor, Point, load_crossing, reasons
 from indices import (
     Effect,
     Share,
@@ -42,6 +45,7 @@ from inswsn_book.record.results import Finite, Frozen, read_results
 from inswsn_book.run.assumptions import ASSUMPTIONS, Assumptions, Headline, load_assumptions
 from points import RUNS, SEARCHED, TRIALS, Outputs, outputs_at, published_starts
 from pydantic import Field
+from scipy.stats import qmc
 from sensitivity import made_from
 from study import Made, read_kept
 
@@ -58,6 +62,8 @@ OTHERS = "others"
 #: Quantiles of the distributions
 QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
 SEED = 2012
+#: Points of a sample whose results are kept for a test
+REPEATED = 16
 _SCRIPTS = ("factors.py", "points.py")
 
 
@@ -99,6 +105,17 @@ class Row(Frozen):
     share: Share
 
 
+class Sampled(Frozen):
+    """Of which chapters ranges are of a sample of their own, and with what it was made."""
+
+    made: Made
+    hours: Annotated[float, Field(ge=0)]  # of a processor
+    chapters: dict[str, tuple[str, ...]]  # the factors of each
+    points: int
+    starts: dict[str, tuple[float, ...]]
+    kept: dict[str, tuple[Finite | None, ...]]  # the first results by name, in order of the points
+
+
 class Crossed(Frozen):
     """What the file holds. Results are named ``"chapter headline"``."""
 
@@ -121,6 +138,7 @@ class Crossed(Frozen):
     points: dict[str, int]  # of the Sobol' sample, by chapter
     spreads: dict[str, Spread]
     kept: tuple[Kept, ...]
+    sampled: Sampled | None = None
 
 
 def read_crossed(path: Path) -> Crossed:
@@ -204,7 +222,7 @@ _here: dict[str, Any] = {}  # of a process of the pool
 
 
 def _prepare(root: Path, starts: Mapping[str, Sequence[float]]) -> None:
-    _here.update(crossing=load_crossing(Project(root)), starts=starts)
+    _here.update(crossing=load_crossing(Project(root), EVERY), starts=starts)
 
 
 def _compute(task: tuple[str, str, Point]) -> tuple[str, Outputs, float]:
@@ -315,6 +333,38 @@ def spread_of(headline: Headline, values: Array, chosen: float, published: float
     )
 
 
+def places_of(names: Sequence[str], count: int) -> list[dict[str, float]]:
+    """Return the points of a sample, those of Sobol's sequence: a power of two."""
+    places = np.round(qmc.Sobol(len(names), rng=SEED).random(count), 6)
+    return [dict(zip(names, row.tolist(), strict=True)) for row in places]
+
+
+def sample(
+    project: Project, lab: Lab, chapters: Sequence[str], count: int, made: Made
+) -> tuple[Sampled, dict[str, Spread]]:
+    """Return the ranges of the results of some chapters, from points that have no indices."""
+    assumptions, factors, spreads, kept = load_assumptions(project.root), {}, {}, {}
+    for chapter in chapters:
+        names = factors[chapter] = tuple(f.name for f in lab.crossing.of_chapter(chapter))
+        points = [lab.crossing.chosen(), *places_of(names, count)]
+        chosen, *found = lab.compute(chapter, points)
+        published = read_results(project.published / f"{chapter}.json")
+        for h in headlines_of(assumptions, {chapter: chosen}):
+            values = column(found, h.key)
+            spreads[label(h)] = spread_of(h, values, chosen[h.key], h.value(published))
+            kept[label(h)] = tuple(_exact(f.get(h.key)) for f in found[:REPEATED])
+    took = sum(s for key, (_, s) in lab.found.items() if key.split()[0] in chapters)
+    sampled = Sampled(
+        made=made,
+        hours=round(took / 3600, 3),
+        chapters=factors,
+        points=count,
+        starts={name: tuple(numbers) for name, numbers in lab.starts.items()},
+        kept=kept,
+    )
+    return sampled, spreads
+
+
 def kept_points(lab: Lab, headlines: Sequence[Headline], count: int) -> tuple[Kept, ...]:
     """Return random points over all factors with all results."""
     names = [factor.name for factor in lab.crossing.factors]
@@ -369,14 +419,34 @@ def digests(project: Project) -> dict[str, str]:
     }
 
 
-def run_crossed(project: Project, trajectories: int, base: int, points: int, jobs: int) -> Crossed:
-    """Make the study."""
-    assumptions, crossing, sources = (
-        load_assumptions(project.root), load_crossing(project), digests(project),
-    )  # fmt: skip
-    made = made_from(project, assumptions).model_copy(update={"sources": sources})
+def open_lab(project: Project, chapters: tuple[str, ...], jobs: int) -> tuple[Lab, Made]:
+    """Return what computes points of some chapters, and with what."""
+    sources = digests(project)
+    made = made_from(project, load_assumptions(project.root)).model_copy(
+        update={"sources": sources}
+    )
     state = text_digest(json.dumps(sources, sort_keys=True))[:16]
-    lab = Lab(project.root, crossing, project.build / "crossed" / f"{state}.jsonl", jobs)
+    cache = project.build / "crossed" / f"{state}.jsonl"
+    return Lab(project.root, load_crossing(project, chapters), cache, jobs), made
+
+
+def run_sample(project: Project, before: Crossed, given: argparse.Namespace) -> Crossed:
+    """Return a study with the ranges of some chapters anew."""
+    lab, made = open_lab(project, EVERY, given.jobs)
+    sampled, spreads = sample(project, lab, given.sample, given.sampled, made)
+    left_out = reasons(load_assumptions(project.root))
+    found = {"sampled": sampled, "spreads": before.spreads | spreads, "runs": RUNS}
+    return before.model_copy(update=found | {"left_out": left_out})
+
+
+def run_crossed(project: Project, given: argparse.Namespace) -> Crossed:
+    """Make the study."""
+    trajectories, base, points = given.trajectories, given.base, given.points
+    assumptions, (lab, made) = (
+        load_assumptions(project.root),
+        open_lab(project, CROSSED, given.jobs),
+    )
+    crossing = lab.crossing
     chosen = {chapter: lab.compute(chapter, [crossing.chosen()])[0] for chapter in CROSSED}
     headlines = headlines_of(assumptions, chosen)
     effects, strengths = screen(lab, headlines, trajectories)
@@ -385,7 +455,7 @@ def run_crossed(project: Project, trajectories: int, base: int, points: int, job
     kept = kept_points(lab, headlines, points)
     named = {factor.name: factor for factor in crossing.factors}
     reference = {c: read_results(project.published / f"{c}.json") for c in CROSSED}
-    return Crossed(
+    study = Crossed(
         made=made,
         hours=round(lab.seconds / 3600, 3),
         seed=SEED,
@@ -410,6 +480,8 @@ def run_crossed(project: Project, trajectories: int, base: int, points: int, job
         },
         kept=kept,
     )
+    given.sample = SAMPLED
+    return run_sample(project, study, given)
 
 
 def main() -> None:
@@ -419,6 +491,8 @@ def main() -> None:
     parser.add_argument("--trajectories", type=int, default=20, help="of the screening")
     parser.add_argument("--base", type=int, default=256, help="of Sobol', a power of two")
     parser.add_argument("--points", type=int, default=40, help="that are kept for the test")
+    parser.add_argument("--sample", action="append", choices=EVERY, help="its ranges alone, anew")
+    parser.add_argument("--sampled", type=int, default=256, help="points of a sample")
     parser.add_argument("--into", type=Path, help="write into this folder, and not into data")
     given = parser.parse_args()
     # for the processes of the pool, which import numpy anew
@@ -426,7 +500,10 @@ def main() -> None:
     project = Project(ROOT.resolve())
     folder = given.into or project.root / "data"
     try:
-        study = run_crossed(project, given.trajectories, given.base, given.points, given.jobs)
+        if given.sample:
+            study = run_sample(project, read_crossed(project.root / CROSSED_FILE), given)
+        else:
+            study = run_crossed(project, given)
     except InswsnError as error:
         sys.exit(str(error))
     headlines = {label(h): h for h in load_assumptions(project.root).headlines}

@@ -22,7 +22,7 @@ _MOST = 4  # bars of a result
 
 def crossed_svg(study: Crossed, headlines: Mapping[str, Headline]) -> str:
     """Draw the distribution of each result and its largest total indices, as SVG."""
-    names = list(study.spreads)
+    names = list(study.shares)
     fig, axes = figure(len(names), 2, height=0.95 * len(names) + 0.6, squeeze=False)
     for (left, right), name in zip(axes, names, strict=True):
         _distribution(left, study.spreads[name], headlines[name])

@@ -29,14 +29,18 @@ Point = Mapping[str, float]
 #: What a level sets, by ``"scenario.setting"``, ``"chapter.parameter"`` or ``"file.scenario"``
 Level = dict[str, Any]
 
-#: The chapters that are crossed: each has a function of a point in `points`
+#: The chapters whose results have indices
 CROSSED = ("p1-lmi", "p1-training", "p1-outages", "p2-fusion")
+#: Those whose points are too dear for indices: a sample tells their ranges
+SAMPLED = ("p3-vehicle",)
+#: All that are crossed: each has a function of a point in `points`
+EVERY = (*CROSSED, *SAMPLED)
 #: Why the others are not
 ELSEWHERE = {
     "printed-numbers": "The evidence on the printed numbers computes no run: it counts printed "
     "claims.",
-    "p3-vehicle": "A drive of the evidence on P3's vehicle takes longer than a point of any other "
-    "chapter, too long for thousands of them. Its assumptions are changed one at a time alone.",
+    "p3-vehicle": "The drives of a point of the evidence on P3's vehicle take too long for the "
+    "thousands of points that indices need. A sample of them tells the ranges.",
 }
 #: Why a single alternative is not a factor, by its id or by that of its entry
 LEFT_OUT = {
@@ -47,6 +51,8 @@ LEFT_OUT = {
 }
 # settings that count something, by their units: they stay whole
 _COUNTED = ("samples", "fixes")
+# and parameters that do
+_WHOLE = ("p3-vehicle.tau",)
 # a place at the border of two words belongs to the latter, whatever its last digit
 _BORDER = 1e-4
 
@@ -128,6 +134,8 @@ class Crossing:
     def _rounded(self, key: str, value: Any) -> Any:
         scenario, name = key.split(".", 1)
         setting = self.settings.get(scenario, {}).get(name)
+        if key in _WHOLE:
+            return round(float(value))
         counted = setting is not None and setting.unit in _COUNTED
         return np.round(value).tolist() if counted else np.asarray(value).tolist()
 
@@ -144,8 +152,8 @@ def _place_of_chosen(factor: Factor) -> float:
     return (float(np.sum(factor.levels[0][key])) - low) / (high - low)
 
 
-def load_crossing(project: Project) -> Crossing:
-    """Return the factors that data/assumptions.yaml gives."""
+def load_crossing(project: Project, crossed: tuple[str, ...] = CROSSED) -> Crossing:
+    """Return the factors that data/assumptions.yaml gives for some chapters."""
     assumptions, settings = load_assumptions(project.root), load_settings(project.root)
     values: Level = {
         f"{scenario}.{name}": setting.value
@@ -154,8 +162,8 @@ def load_crossing(project: Project) -> Crossing:
     }
     for chapter, schema in load_schemas(project).items():
         values |= {f"{chapter}.{name}": value for name, value in schema.defaults.items()}
-    factors = [f for entry in assumptions.assumptions for f in _factors_of(entry, values)]
-    return Crossing((*factors, *_seeds(assumptions, values)), settings)
+    factors = [f for entry in assumptions.assumptions for f in _factors_of(entry, values, crossed)]
+    return Crossing((*factors, *_seeds(assumptions, values, crossed)), settings)
 
 
 def reasons(assumptions: Assumptions) -> dict[str, str]:
@@ -171,11 +179,11 @@ def reasons(assumptions: Assumptions) -> dict[str, str]:
     return found
 
 
-def _factors_of(entry: Assumption, values: Level) -> Iterable[Factor]:
+def _factors_of(entry: Assumption, values: Level, crossed: tuple[str, ...]) -> Iterable[Factor]:
     """Return the factors of an entry: alternatives that set the same are one."""
     groups: dict[frozenset[str], list[tuple[Alternative, Level]]] = {}
     for other in entry.alternatives:
-        if entry.id in LEFT_OUT or not set(other.chapters) & set(CROSSED):
+        if entry.id in LEFT_OUT or not set(other.chapters) & set(crossed):
             continue
         level = _level_of(other, values)
         groups.setdefault(frozenset(level), []).append((other, level))
@@ -184,7 +192,7 @@ def _factors_of(entry: Assumption, values: Level) -> Iterable[Factor]:
         levels = tuple(level for _, level in found)
         yield Factor(
             name=f"{entry.id}/{others[0].id}" if len(groups) > 1 else entry.id,
-            chapters=tuple(c for c in CROSSED if c in others[0].chapters),
+            chapters=tuple(c for c in crossed if c in others[0].chapters),
             says=tuple(other.set for other in others),
             levels=({key: values.get(key, _file(key)) for key in levels[0]}, *levels),
             numeric=all(_is_number(v) for level in levels for v in level.values()),
@@ -213,10 +221,10 @@ def _is_number(value: Any) -> bool:
     return all(isinstance(part, int | float) for part in flat)
 
 
-def _seeds(assumptions: Assumptions, values: Level) -> Iterable[Factor]:
+def _seeds(assumptions: Assumptions, values: Level, crossed: tuple[str, ...]) -> Iterable[Factor]:
     """Return the seeds as factors: what they do is what chance does."""
     for entry in assumptions.assumptions:
-        chapters = [c for c in CROSSED if c in entry.seeds and c != "p1-lmi"]  # no chance there
+        chapters = [c for c in crossed if c in entry.seeds and c != "p1-lmi"]  # no chance there
         if chapters:
             seeds = assumptions.reduced[chapters[0]].seeds
             keys = [f"{chapter}.seed" for chapter in chapters]

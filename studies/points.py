@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 from factors import Crossing, Level, Point
+from inswsn_book.evidence.fusion_percentages import FirstReading
+from inswsn_book.evidence.fusion_theorem import TheoremReading
 
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.evaluation import search_pattern
@@ -22,12 +24,14 @@ from inswsn_lib.navigation import (
     FilterContest,
     LMIDesigns,
     TrainingAreas,
+    VehicleOutages,
     planar_rms,
     relative_loss,
     table2_cells,
 )
 from inswsn_lib.navigation.bridged_outages import COASTING, judge_best
 from inswsn_lib.navigation.filter_contest import PARTS, root_mean_square
+from inswsn_lib.navigation.vehicle_outages import OUTAGE, outage_size
 from inswsn_lib.scenario import Setting, with_values
 
 #: Headlines of a chapter by their keys in data/assumptions.yaml
@@ -42,6 +46,7 @@ RUNS: dict[str, dict[str, int]] = {
     "p1-training": {"runs": 40, "other_runs": 40},
     "p1-outages": {"runs": 40, "tuning_runs": 4},
     "p2-fusion": {"runs": 8, "other_runs": 8},
+    "p3-vehicle": {"routes": 2, "draws": 1},
 }
 #: The most trials that a filter has at a point, and in the published scene
 TRIALS, TRIALS_AT_START = 5, 48
@@ -74,6 +79,9 @@ def outputs_at(crossing: Crossing, starts: Starts, chapter: str, point: Point) -
         ),
         "p2-fusion": lambda: clusters(
             core_at(crossing, ClusterFusion(**RUNS["p2-fusion"]), "p2-fusion", changes), starts
+        ),
+        "p3-vehicle": lambda: drives(
+            core_at(crossing, VehicleOutages(**RUNS["p3-vehicle"]), "p3-vehicle", changes)
         ),
     }
     try:
@@ -175,9 +183,9 @@ def clusters(core: ClusterFusion, starts: Starts) -> Outputs:
 
     Each filter begins with its numbers in the published scene, and has the same few trials for the
     first two of them. The weight and the margin of P2's filter stay: one trial of it costs as much
-    as three of the others.
+    as three of the others. And the true gain of the weights of (9) over the one that it promises.
     """
-    sizes = {}
+    promised, sizes = TheoremReading(FirstReading(core).designs), {}
     for name in _CLUSTERS:
         numbers = tune_filter(cluster_loss(core, name), starts[name], _CLUSTER_STEPS)
         error = core.drawn["ins"] - _made(core, name)(*numbers)(core.measurements)
@@ -186,6 +194,7 @@ def clusters(core: ClusterFusion, starts: Starts) -> Outputs:
         "fair.dhf-over-fkf.position": float(sizes["dhf"][0] / sizes["fkf"][0]),
         "fair.dhf-over-fkf.velocity": float(sizes["dhf"][1] / sizes["fkf"][1]),
         "fair.bias-over-fkf.position": float(sizes["bias"][0] / sizes["fkf"][0]),
+        "theorem.true-scene/theorem.free-scene": promised.true / promised.own.gamma,
     }
 
 
@@ -206,6 +215,21 @@ def cluster_loss(core: ClusterFusion, name: str) -> Loss:
 
 def _made(core: ClusterFusion, name: str) -> Callable[..., Any]:
     return {"fkf": core.federated, "bias": core.with_bias, "dhf": core.distributed}[name]
+
+
+# p3-vehicle ---------------------------------------------------------------------------------------
+
+
+def drives(core: VehicleOutages) -> Outputs:
+    """Return what aids and the LS-SVM make of the error in 40 s, geometric means of outages."""
+    found = core.errors_of(("never", "through", "lssvm", "rbf"))
+    size = {name: np.log(outage_size(e[: OUTAGE + 1])[0]).mean() for name, e in found.items()}
+    pairs = {
+        "factor.through-never": ("through", "never"),
+        "methods.lssvm": ("lssvm", "through"),
+        "methods.lssvm/methods.rbf": ("lssvm", "rbf"),
+    }
+    return {key: float(np.exp(size[one] - size[other])) for key, (one, other) in pairs.items()}
 
 
 # Tuning ------------------------------------------------------------------------------------------

@@ -24,9 +24,10 @@ def cluster_mean(
     Values of one cluster, such as outages at one place, are not independent. With the sum of a
     cluster :math:`s_c`, its count :math:`n_c` and the mean m of all values, the G numbers
     :math:`u_c = G (s_c - m\, n_c) / \sum n_c` have the mean zero, and their mean has the variance
-    of m. The interval is Student's for G - 1 degrees of freedom, bent by Hall's (1992) cubic for
-    their skewness, without which it covers too little where values are skewed. From 5 to 96
-    clusters it covers 92.8 to 95.1 % for normal, exponential and Student's t (3) populations.
+    of m. Each end is the farther of two: of Student's interval for G - 1 degrees of freedom, and of
+    the same bent by Hall's (1992) cubic for their skewness. Alone, the first covers 92 % of skewed
+    values and the second 93.5 % of six skewed clusters or of long tails; together they cover 94 to
+    97 % of normal, exponential and Student's t (3) populations, from 5 to 96 clusters.
 
     Parameters
     ----------
@@ -66,7 +67,8 @@ def cluster_mean(
     skewness = min(max(skewness, -_MOST_SKEW), _MOST_SKEW)
     ends = t.ppf([(1 + level) / 2, (1 - level) / 2], G - 1)
     low, high = (mean - deviation * _bent(end, skewness, G) for end in ends)
-    return mean, min(low, mean), max(high, mean)
+    straight = float(deviation * ends[0] / np.sqrt(G))
+    return mean, min(low, mean - straight), max(high, mean + straight)
 
 
 def cluster_share(
@@ -90,7 +92,7 @@ def cluster_share(
     --------
     >>> from inswsn_lib.evaluation import cluster_share
     >>> print([f"{x:.2f}" for x in cluster_share([2, 3, 3, 4, 6], [4, 5, 6, 7, 9], range(5))])
-    ['0.58', '0.49', '0.67']
+    ['0.58', '0.44', '0.67']
     """
     a, b = array("part", part, ("n",)), array("whole", whole, ("n",))
     share, sign = float(a.mean() / b.mean()), np.sign(b.mean())

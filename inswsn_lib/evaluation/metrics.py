@@ -71,19 +71,20 @@ class Spread(NamedTuple):
 
 
 def spread(values: ArrayLike) -> Spread:
-    """Return median, low and high of values (components, runs): 95 % of the runs lie between.
+    """Return median, low and high of values (components, runs): by 95 % one more lies between.
 
-    It takes 40 runs or more: of fewer, the 2.5 % quantile is not among them.
+    They are quantiles at k / (runs + 1). It takes 40 runs or more: of fewer, the 2.5 % quantile is
+    not among them.
 
     Examples
     --------
     >>> import inswsn_lib as iw
     >>> [float(x[0].round(6)) for x in iw.spread([range(41)])]  # one component, 41 runs
-    [20.0, 1.0, 39.0]
+    [20.0, 0.05, 39.95]
     """
     given = np.asarray(unmasked(values), dtype=float)
     if given.ndim != 2 or given.shape[1] < _FEWEST_RUNS:
         must_be = f"of shape (components, {_FEWEST_RUNS} or more runs)"
         raise ParameterError("values", Described(f"of shape {given.shape}"), must_be)
-    low, median, high = np.quantile(given, [0.025, 0.5, 0.975], axis=1)
+    low, median, high = np.quantile(given, [0.025, 0.5, 0.975], axis=1, method="weibull")
     return Spread(median, low, high)

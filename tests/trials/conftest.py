@@ -41,6 +41,8 @@ def tell(request: pytest.FixtureRequest, seed: int) -> Callable[[str], None]:
 
     def keep(figures: str) -> None:
         name = request.path.stem.removeprefix("test_").replace("_", " ")
+        if hasattr(request.node, "callspec"):
+            name += f", {request.node.callspec.id}"
         print(f"{name}, seed {seed}: {figures}")
         if KEPT:
             with FileLock(Path(gettempdir()) / "inswsn-trials.lock"):

@@ -285,14 +285,12 @@ def turning_time(squares: Mapping[float, Array], seed: int) -> tuple[float, tupl
     By linear interpolation of the logarithms between the times whose `area_squares` are given, in
     rising order; behind it the interval of 95 % of 1000 bootstrap samples of the runs.
     """
-    times = np.log(list(squares))
-
-    def turn(chosen: Any) -> float:
-        over = [hf_over_kf(each[..., chosen]) for each in squares.values()]
-        return float(np.exp(np.interp(0.0, -np.log(over), times)))
-
-    runs = np.arange(next(iter(squares.values())).shape[-1])
-    rng = np.random.default_rng(seed)
-    turns = [turn(rng.choice(runs, len(runs))) for _ in range(1000)]
+    times, each = np.log(list(squares)), np.stack([*squares.values()])
+    runs = each.shape[-1]
+    drawn = np.random.default_rng(seed).integers(runs, size=(1000, runs))
+    times_drawn = [np.bincount(row, minlength=runs) for row in drawn]
+    hf, kf = np.moveaxis(each @ np.transpose([np.ones(runs), *times_drawn]), 1, 0)
+    logs = -np.log(np.sqrt(hf / kf).mean(axis=1))
+    turn, *turns = (float(np.exp(np.interp(0.0, each, times))) for each in logs.T)
     low, high = np.quantile(turns, [0.025, 0.975])
-    return turn(runs), (float(low), float(high))
+    return turn, (float(low), float(high))

@@ -20,8 +20,9 @@ def test_errors_over_a_window_by_hand() -> None:
 def test_spread_of_a_ramp_and_of_too_few_runs() -> None:
     found = spread(np.vstack([np.arange(1001.0), -np.arange(1001.0)]))
     assert found.median == pytest.approx([500, -500])
-    assert found.low == pytest.approx([25, -975])
-    assert found.high == pytest.approx([975, -25])
+    # the value k stands at (k + 1) / 1002
+    assert found.low == pytest.approx([24.05, -975.95])
+    assert found.high == pytest.approx([975.95, -24.05])
     assert spread(np.zeros((2, 40))).low.tolist() == [0, 0]
     with pytest.raises(ParameterError, match="40 or more runs"):
         spread(np.zeros((2, 39)))
