@@ -104,10 +104,10 @@ def test_a_distribution_tells_on_which_side_it_lies(project: Project) -> None:
 
 
 def test_what_turns_at_more_than_a_quarter_of_the_points_is_told_as_undecided() -> None:
-    assert told_turning(0.25) == "does not hold at 25 % of the points"
-    assert told_turning(0.26) == "does not hold at 26 % of the points, and so is undecided"
-    assert told_turning(0.75).endswith("75 % of the points, and so is undecided")
-    assert told_turning(0.76).endswith("76 % of the points, and so is the exception")
+    assert told_turning(0.25) == "fails at 25 % of the points"
+    assert told_turning(0.26) == "fails at 26 % of the points, so it is undecided"
+    assert told_turning(0.75).endswith("75 % of the points, so it is undecided")
+    assert told_turning(0.76).endswith("76 % of the points, so it is the exception")
 
 
 def test_computed_points_are_not_computed_again(tmp_path: Path, crossing: Crossing) -> None:
@@ -174,7 +174,7 @@ def test_the_front_page_tells_no_headline_that_turns_as_decided(
     spread = stored.spreads["p1-training headline.kf-share"]
     assert spread.turned is not None
     assert f"that it is less than all of it {told_turning(spread.turned)})" in page
-    assert page.count("the order there does not hold at") == 3
+    assert page.count("the order there fails at") == 3
 
 
 def test_its_page_names_the_conclusions_that_turn(

@@ -293,7 +293,7 @@ def show_rivals(
         "Distance from the true position", x="time since the loss (s)", y="error (m)",
         xlim=(0, 10), ylim=(0, 40),
     )  # fmt: skip
-    labels = dict(zip(found, ("INS alone", "last fix held", "Kalman", "LS-SVM"), strict=True))
+    labels = dict(zip(found, ("INS alone", "last y held", "Kalman", "LS-SVM"), strict=True))
 
     def first(n: int) -> slice:
         return slice(round(n / float(t[1])))

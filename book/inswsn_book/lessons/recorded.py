@@ -309,9 +309,9 @@ def show_gains(gains: Table) -> None:
     shown.sentence(lambda n: f"{n}: in position {position(n)}; in velocity {velocity(n)}.")
     shown.show(
         name="fig-l8-gains",
-        caption="Recordings, as they are and made worse. Expected before a filter ran, and found "
-        "by one of P1's form that knows how errors last; the upright lines are 95 % intervals for "
-        "other stretches of the same series.",
+        caption="Recordings, as they are and made worse. Across: what is expected before a filter "
+        "runs. Upwards: what one of P1's form finds that knows how errors last; the upright lines "
+        "are 95 % intervals for other stretches of the same series.",
         alt="Dots of position and of velocity near the diagonal where what is found is expected.",
     )
 

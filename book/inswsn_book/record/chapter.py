@@ -41,10 +41,10 @@ def told_turning(turned: float) -> str:
 
     Behind it stands what that makes of the conclusion, if the share is more than `MOST_TURNED`.
     """
-    told = f"does not hold at {100 * turned:.0f} % of the points"
+    told = f"fails at {100 * turned:.0f} % of the points"
     if turned <= MOST_TURNED:
         return told
-    return f"{told}, and so is {'undecided' if turned <= 1 - MOST_TURNED else 'the exception'}"
+    return f"{told}, so it is {'undecided' if turned <= 1 - MOST_TURNED else 'the exception'}"
 
 
 class ChapterRecord:
