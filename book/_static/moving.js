@@ -47,7 +47,9 @@
   /** What a section shows: its JSON, in which coordinates may be such texts. */
   function read(root) {
     const content = JSON.parse(root.querySelector("script").textContent);
-    for (const { x, y, series } of content.charts) {
+    for (const chart of content.charts) {
+      chart.many = content.charts.length > 1; // they have to be seen at once
+      const { x, y, series } = chart;
       for (const each of series) {
         let xs;
         each.values = each.values.map(([along, ...others]) => {
@@ -72,7 +74,7 @@
     const box = { left: 52, right: width - beside - 10, top: 26 };
     const [x, y] = [chart.x.ends, chart.y.ends];
     const across = (box.right - box.left) / (x[1] - x[0]);
-    const tall = chart.equal ? Math.min((y[1] - y[0]) * across, width < 500 ? 200 : 330) : Math.min(190, 0.7 * width);
+    const tall = chart.equal ? Math.min((y[1] - y[0]) * across, width < 500 ? 200 : chart.many ? 250 : 330) : Math.min(190, 0.7 * width);
     box.bottom = box.top + tall;
     const up = tall / (y[1] - y[0]);
     const wide = chart.equal ? Math.min(across, up) : across;

