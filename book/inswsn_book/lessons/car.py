@@ -157,8 +157,8 @@ def show_drive(drive: Drive, told: FilterSettings, known: VehicleRun) -> dict[st
         )
     )
     shown.show(
-        name="fig-l6-drive",
-        caption="Until the outage, both filters have satellites, compass and constraint. Dots on "
+        "fig-l6-drive",
+        "Until the outage, both filters have satellites, compass and constraint. Dots on "
         f"the road: outages that end more than {LOST} m off with the chosen aids.",
     )
     return by_aids
@@ -213,8 +213,8 @@ def show_wrong_start(navigate: Navigate) -> None:
         lambda w, s: f"A {w} of {size(w, s)} makes an error of {off(w, s)[-1]:.1f} m in {LENGTH} s."
     )
     shown.show(
-        name="fig-l6-wrong",
-        caption="The same samples, integrated from a correct start and from a wrong one. From "
+        "fig-l6-wrong",
+        "The same samples, integrated from a correct start and from a wrong one. From "
         "about 10 s on, the car brakes and turns.",
     )
 
@@ -249,8 +249,8 @@ def show_constraint(constrain: Constrain) -> None:
     )
     shown.goal("half of the error is gone", lambda q: size(twice[q]) < 0.5)
     shown.show(
-        name="fig-l6-constraint",
-        caption="One standard deviation of the velocity error. The car drives north and uses the "
+        "fig-l6-constraint",
+        "One standard deviation of the velocity error. The car drives north and uses the "
         "constraint, then turns and uses it again.",
     )
 
@@ -297,8 +297,8 @@ def show_bands(drive: Drive, known: VehicleRun, outage: Outage, starts: Mapping[
         )
     )
     shown.show(
-        name="fig-l6-bands",
-        caption="The band is two standard deviations to either side, according to the filter "
+        "fig-l6-bands",
+        "The band is two standard deviations to either side, according to the filter "
         "above, which sees neither satellites nor the truth.",
     )
 
@@ -323,8 +323,8 @@ def show_turns(drive: Drive, by_aids: Mapping[str, Parts]) -> None:
     shown.number("computed", f"lost: above {LOST} m", lost)
     shown.sentence(lambda a: f"With aids ({a}), above {LOST} m after 40 s: {lost(a)}.")
     shown.show(
-        name="fig-l6-turns",
-        caption="Each dot is an outage. A road is called straight if the heading stays within "
+        "fig-l6-turns",
+        "Each dot is an outage. A road is called straight if the heading stays within "
         f"{STRAIGHT}°.",
     )
 
@@ -366,8 +366,8 @@ def show_learning(drive: Drive, trials: OutageTrials) -> Array:
         )
     )
     shown.show(
-        name="fig-l6-learning",
-        caption="Dots: the error in outages that were rehearsed while there were satellites. The "
+        "fig-l6-learning",
+        "Dots: the error in outages that were rehearsed while there were satellites. The "
         "machine predicts the next outage from them.",
     )
     return np.array(played)
@@ -409,8 +409,8 @@ def show_recorded(trials: RecordedTrials) -> tuple[dict[str, tuple[Array, Array]
         + ", ".join(f"{off[m, k]} ({label})" for m, (_, label) in methods.items()) + "."
     )  # fmt: skip
     shown.show(
-        name="fig-l6-recorded",
-        caption="The accelerometer and gyro data are recorded, and so is the path; fixes and "
+        "fig-l6-recorded",
+        "The accelerometer and gyro data are recorded, and so is the path; fixes and "
         "compass readings are made from the path by adding noise.",
     )
     ends = {m: np.array([[part[LENGTH] for part in found[m, k]] for k in starts]) for m in methods}

@@ -127,8 +127,8 @@ def show_band(run: ExampleRun, fixes: Array) -> None:
         )
     )
     shown.show(
-        name="fig-l5-band",
-        caption="The error of the mean of all clusters, and the band of two standard "
+        "fig-l5-band",
+        "The error of the mean of all clusters, and the band of two standard "
         "deviations that it would have if the errors of the clusters were independent.",
     )
 
@@ -187,8 +187,8 @@ def show_cloud(*, start: float = 0.1, points: int = 250) -> None:
         )
     )
     shown.show(
-        name="fig-l5-cloud",
-        caption="Each point is a run: the error of one cluster against that of the other. The "
+        "fig-l5-cloud",
+        "Each point is a run: the error of one cluster against that of the other. The "
         "less the INS drifts, the longer the filters remember, and the more similar their errors.",
     )
 
@@ -240,8 +240,8 @@ def show_many(*, start: float = 1.0) -> None:
             "one filter: all fixes": ("kalman", lambda q, n: settled(q, 1 / n)[1] ** 0.5),
         },
     ).show(
-        name="fig-l5-many",
-        caption="The claimed error falls with the square root of the number of clusters. The true "
+        "fig-l5-many",
+        "The claimed error falls with the square root of the number of clusters. The true "
         "error levels off at what the clusters have in common.",
     )  # fmt: skip
 
@@ -309,8 +309,8 @@ def show_factor(*, drift: float = 0.1) -> None:
         )
     )
     shown.show(
-        name="fig-l5-factor",
-        caption=f"Drift {drift:g}. In the band the fusion is overconfident. The two curves cross "
+        "fig-l5-factor",
+        f"Drift {drift:g}. In the band the fusion is overconfident. The two curves cross "
         "where the true error is smallest.",
     )
 
@@ -360,8 +360,8 @@ def show_weights() -> None:
         )
     )
     shown.show(
-        name="fig-l5-weights",
-        caption="The dot is the best weight. Left of 1, both weights are positive.",
+        "fig-l5-weights",
+        "The dot is the best weight. Left of 1, both weights are positive.",
     )
 
 
@@ -375,8 +375,8 @@ def show_promise() -> None:
             "gain: true": ("distributed", lambda q, n: (1 + q**2 / n) ** 0.5),
         },
     ).show(
-        name="fig-l5-promise",
-        caption="Identical clusters, each with a filter of gain 1. The promise keeps falling; "
+        "fig-l5-promise",
+        "Identical clusters, each with a filter of gain 1. The promise keeps falling; "
         "the true gain levels off at 1, which is due to the drift.",
     )  # fmt: skip
 
@@ -442,8 +442,8 @@ def show_reductions(
         )
     )
     shown.show(
-        name="fig-l5-reductions",
-        caption="Bars: P2's scenario, simulated here; below 0, the federated filter is better. "
+        "fig-l5-reductions",
+        "Bars: P2's scenario, simulated here; below 0, the federated filter is better. "
         "Dashes: the numbers that P2 prints.",
     )
     return off

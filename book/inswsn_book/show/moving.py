@@ -11,8 +11,9 @@ from __future__ import annotations
 import inspect
 import itertools
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from html import escape
 from typing import Any
 
@@ -83,10 +84,10 @@ class Chart:
     """
 
     title: str
-    x: str
-    y: str
     xlim: tuple[float, float]
     ylim: tuple[float, float]
+    x: str = "time (s)"
+    y: str = "error (m)"
     equal: bool = False
     series: list[tuple[str, str, str, int, _Table]] = field(default_factory=list)
 
@@ -112,6 +113,10 @@ class Moving:
         self.charts.append(Chart(title, **axes))
         return self.charts[-1]
 
+    def map(self, title: str, xlim: tuple[float, float], ylim: tuple[float, float]) -> Chart:
+        """Add an empty chart of places in m, with equal axes."""
+        return self.chart(title, x="x (m)", y="y (m)", xlim=xlim, ylim=ylim, equal=True)
+
     def draw(
         self, chart: Chart, method: str, label: str, what: Any, *, style: str = "line", at: int = -1
     ) -> None:
@@ -134,6 +139,24 @@ class Moving:
         if method:
             self._take(method)
         self._numbers.append((method, label, self._table(what)))
+
+    def draw_each(
+        self, chart: Chart, labels: Mapping[str, str], what: Callable[..., Any], **how: Any
+    ) -> None:
+        """Draw a series for each method of the labels: a function of the method and sliders."""
+        for method, label in labels.items():
+            self.draw(chart, method, label, partial(what, method), **how)
+
+    def number_each(
+        self, labels: Mapping[str, str], what: Callable[..., str]
+    ) -> Callable[..., str]:
+        """Say a number for each method of the labels, as `draw_each` draws.
+
+        Returns all labels with their numbers, as a function of the sliders.
+        """
+        for method, label in labels.items():
+            self.number(method, label, partial(what, method))
+        return lambda *at: "; ".join(f"{labels[m]}: {what(m, *at)}" for m in labels)
 
     def goal(self, text: str, reached: Callable[..., bool]) -> None:
         """Set the reader a goal; the page says when, and where, it is reached."""
@@ -218,23 +241,23 @@ class Moving:
             "strokes": {name: [*STROKES[name]] for name in sorted(self._methods)},
             "charts": [_chart(chart) for chart in self.charts],
             "numbers": [
-                {"method": method, "label": label, "key": self._key(method), "by": t.by,
-                 "values": t.values}
-                for method, label, t in self._numbers
+                {"method": method, "label": label, "key": self._key(method), **vars(table)}
+                for method, label, table in self._numbers
             ],
             "goals": [
                 {"text": text, "by": t.by, "values": [bool(value) for value in t.values]}
                 for text, t in self._goals
             ],
-            "sentence": {"by": self._sentence.by, "values": self._sentence.values},
+            "sentence": vars(self._sentence),
         }  # fmt: skip
 
-    def show(self, *, name: str, caption: str, alt: str = "") -> None:
+    def show(self, name: str, caption: str) -> None:
         """Show it, with the still picture that it stands in for, as the last thing of a cell.
 
-        Without an alternative text of its own, the picture has the title and the sentence.
+        The picture's alternative text is the title and the sentence.
         """
-        alt = alt or f"{self.title}. {self._at_start(self._sentence)}"
+        stop = "" if self.title.endswith("?") else "."
+        alt = f"{self.title}{stop} {self._at_start(self._sentence)}"
         text = json.dumps(_packed(self.content()), allow_nan=False, separators=(",", ":"))
         for take in _TAKERS:
             take(name, text)
@@ -248,6 +271,12 @@ class Moving:
         plain = f"{self.title}: it moves on the page of the book."
         display({"text/html": page, "text/plain": plain}, raw=True)
         show_figure(self.still(), name=name, caption=caption, alt=alt)
+
+
+def ellipse(covariance: Any, sigmas: float = 2.0) -> Array:
+    """Return a closed line (2, n) so many standard deviations about zero, by a covariance."""
+    angle = np.linspace(0, 2 * np.pi, 73)
+    return np.asarray(sigmas * np.linalg.cholesky(covariance) @ [np.cos(angle), np.sin(angle)])
 
 
 def _chart(chart: Chart) -> dict[str, Any]:
