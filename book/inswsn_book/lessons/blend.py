@@ -168,7 +168,7 @@ def show_outage(run: ExampleRun, run_filter: Filter) -> None:
 
     def around(n: int, t: int) -> Array:
         estimate, P = found[n][0][5 * t], found[n][1][5 * t]
-        return (run.ins[5 * t] - estimate)[:2, None] + ellipse(P[:2, :2], 10 * 2)
+        return np.asarray((run.ins[5 * t] - estimate)[:2, None] + ellipse(P[:2, :2], 10 * 2))
 
     place = shown.map("Map (ellipse ten times its size)", xlim=(370, 530), ylim=(5, 65))
     shown.draw(place, "truth", "", run.truth[:, :2].T)

@@ -59,19 +59,15 @@ def show_slip(xs: Texts, ys: Texts, means: Texts) -> None:
         "Ten means, and where they come from",
         Slider("s", "y is taken from", [*OFFSETS], -1, "{:+d} rows below"),
     )
-    chart = shown.chart(
-        "“Mean error” of position (m)", x="row of the table", y="mean", xlim=(0.5, 10.5),
-        ylim=(0.1, 0.45),
-    )  # fmt: skip
+    axes = {"x": "row of the table", "y": "mean", "xlim": (0.5, 10.5), "ylim": (0.1, 0.45)}
+    chart = shown.chart("“Mean error” of position (m)", **axes)
     shown.draw(chart, "published", "printed", (row, mean), at=8)
     shown.draw(chart, "computed", "", lambda s: (row, (x + _below(y, s)) / 2))
     shown.draw(chart, "computed", "", lambda s: (row, (x + _below(y, s)) / 2), style="points")
     shown.number("computed", "rows that agree to the last digit", lambda s: f"{met[s]} of 10")
-    shown.sentence(
-        lambda s: (
-            f"With y from {s} rows below, {met[s]} of the 10 printed means of the table agree."
-        )
-    )
+    shown.sentence(lambda s: (
+        f"With y from {s} rows below, {met[s]} of the 10 printed means of the table agree."
+    ))  # fmt: skip
     shown.show(
         "fig-l7-slip",
         "The mean of x in a row and y some rows below it, and the mean that is printed. "
@@ -113,14 +109,11 @@ def show_digits(xs: Texts, ys: Texts, means: Texts) -> None:
     perfect = {d: int(np.sum(f[0] == 10)) for d, f in found.items()}
     most = {d: int(max(f[1])) for d, f in found.items()}
     shown = Moving("What the digits are worth", Slider("d", "decimals", [*DIGITS], 1, "{:d}"))
-    offsets = shown.chart(
-        "Rows that agree, by offset", x="offset", y="rows", xlim=(-9.6, 9.6), ylim=(0, 10.5)
-    )
+    axes = {"x": "offset", "y": "rows", "xlim": (-9.6, 9.6), "ylim": (0, 10.5)}
+    offsets = shown.chart("Rows that agree, by offset", **axes)
     shown.draw(offsets, "computed", "", lambda d: ([*OFFSETS], found[d][0]), style="bars")
-    chance = shown.chart(
-        f"Rows that agree, in {ORDERS:,} shuffles", x="rows", y="share (%)",
-        xlim=(-0.6, 10.6), ylim=(0, 100),
-    )  # fmt: skip
+    axes = {"x": "rows", "y": "share (%)", "xlim": (-0.6, 10.6), "ylim": (0, 100)}
+    chance = shown.chart(f"Rows that agree, in {ORDERS:,} shuffles", **axes)
     shown.draw(chance, "published", "", lambda d: (rows, shares[d]), style="bars")
     shown.number("computed", "offsets with all ten", lambda d: f"{perfect[d]} of 19")
     shown.number("published", "the luckiest order explains", lambda d: f"{most[d]} of 10")
@@ -178,10 +171,8 @@ def show_third(results: Mapping[str, Mapping[str, str]], allowed: float) -> None
         "Two comparisons imply a third",
         Slider("axis", "error of", [*pairs], "position in x", "{}"),
     )
-    chart = shown.chart(
-        "Federated filter over INS alone", x="points that “about” allows", y="ratio of errors",
-        xlim=(0, 30), ylim=(0, top),
-    )  # fmt: skip
+    axes = {"x": "points that “about” allows", "y": "ratio of errors", "xlim": (0, 30)}
+    chart = shown.chart("Federated filter over INS alone", ylim=(0, top), **axes)
     shown.draw(chart, "federated", "", band, style="band")
     shown.draw(
         chart, "federated", "as printed", lambda axis: ([0.0, 30.0], [plain(axis)] * 2), at=0
@@ -205,10 +196,8 @@ def show_growth(*, least: float) -> None:
     """Show an error that grows as a power of time, its RMS and its maximum."""
     rms = {a: (2 * a + 1) ** -0.5 for a in GROWTHS}
     shown = Moving("A maximum and a mean", Slider("a", "growth", [*GROWTHS], 2.0, "t to the {:g}"))
-    chart = shown.chart(
-        "Error, as a share of its maximum", x="time in the outage (share)", y="error",
-        xlim=(0, 1), ylim=(0, 1.05),
-    )  # fmt: skip
+    axes = {"x": "time in the outage (share)", "y": "error", "xlim": (0, 1), "ylim": (0, 1.05)}
+    chart = shown.chart("Error, as a share of its maximum", **axes)
     shown.draw(chart, "kalman", "error", lambda a: (TIME[::40], TIME[::40] ** a), at=25)
     shown.draw(chart, "kalman", "", lambda a: ([0.0, 1.0], [rms[a]] * 2))
     shown.draw(chart, "published", "P3 needs this RMS", ([0.0, 1.0], [least] * 2), at=0)
@@ -274,21 +263,18 @@ def show_periods(longest: Array, *, matrices: float) -> None:
     shown = Moving(
         "Which period do the tables allow?", Slider("T", "period T", [*PERIODS], 1.0, "{:.2f} s")
     )
-    chart = shown.chart(
-        "Least possible mean position error", x="pair of cells", y="times the printed one",
-        xlim=(0.5, len(pair) + 0.5), ylim=(0, top),
-    )  # fmt: skip
-    shown.draw(chart, "published", "printed", ([0.5, len(pair) + 0.5], [1.0, 1.0]))
+    ends = (0.5, len(pair) + 0.5)
+    axes = {"x": "pair of cells", "y": "times the printed one", "xlim": ends, "ylim": (0, top)}
+    chart = shown.chart("Least possible mean position error", **axes)
+    shown.draw(chart, "published", "printed", (ends, [1.0, 1.0]))
     shown.draw(
         chart, "computed", "", lambda T: (pair, np.minimum(T / longest, top)), style="points"
     )
     shown.number("computed", "pairs that are impossible", lambda T: f"{out[T]} of {len(pair)}")
     shown.number("published", "the matrices print", f"{matrices:g} s")
-    shown.sentence(
-        lambda T: (
-            f"With a period of {T:g} s, {out[T]} of {len(pair)} pairs of cells are impossible."
-        )
-    )
+    shown.sentence(lambda T: (
+        f"With a period of {T:g} s, {out[T]} of {len(pair)} pairs of cells are impossible."
+    ))  # fmt: skip
     shown.show(
         "fig-l7-periods",
         "Dots above the line are impossible: the position error cannot be as small as "

@@ -110,10 +110,8 @@ def show_means(period: float) -> None:
     shown = Moving(
         "What a hundred fixes are worth", Slider("t", "errors last", [*LASTING], 2.0, "{:g} s")
     )
-    chart = shown.chart(
-        "Error of the mean, one fix = 1", x="fixes in the mean", y="error", xlim=(0, 100),
-        ylim=(0, 1.05),
-    )  # fmt: skip
+    axes = {"x": "fixes in the mean", "y": "error", "xlim": (0, 100), "ylim": (0, 1.05)}
+    chart = shown.chart("Error of the mean, one fix = 1", **axes)
     shown.draw(chart, "constant", "independent", (COUNTS, COUNTS**-0.5), at=60)
     shown.draw(chart, "coloured", "", lambda t: (COUNTS, found[t]))
     shown.number("coloured", "100 fixes are worth", lambda t: f"{worth[t]:.1f} independent ones")
@@ -250,18 +248,15 @@ def show_left(seed: int) -> None:
     fine = np.geomspace(0.05, 20, 100)
     curve = [lasting_ratio(1e-3, k / 2, 1.0) for k in fine.tolist()]
     shown = Moving("What a filter leaves", Slider("k", "2τ / hold time", [*RATIOS], 1.0, "{:g}"))
-    chart = shown.chart(
-        "Error of the filter, a fix = 1", x="2τ / hold time", y="error", xlim=(0, 20), ylim=(0, 1)
-    )
+    axes = {"x": "2τ / hold time", "y": "error", "xlim": (0, 20), "ylim": (0, 1)}
+    chart = shown.chart("Error of the filter, a fix = 1", **axes)
     shown.draw(chart, "coloured", "formula", (fine, curve))
     shown.draw(chart, "kalman", "simulated", ([*found], [*found.values()]), style="points")
     shown.draw(chart, "published", "", lambda k: ([k, k], [0.0, 1.0]))
     shown.number("kalman", "simulated", lambda k: f"{found[k]:.2f}")
-    shown.sentence(
-        lambda k: (
-            f"If 2τ is {k:g} times the hold time, {found[k]:.2f} of the error of a fix is left."
-        )
-    )
+    shown.sentence(lambda k: (
+        f"If 2τ is {k:g} times the hold time, {found[k]:.2f} of the error of a fix is left."
+    ))  # fmt: skip
     shown.show("fig-l8-left", "The formula, and filters in a simulation with five fixes a second.")
 
 
@@ -273,10 +268,8 @@ def show_gains(gains: Table) -> None:
         "The law on recordings", Slider("n", "series", [*found], next(iter(found)), "{}")
     )
     ends = (0.0, 1.2)
-    chart = shown.chart(
-        "Error of a filter over that of the network", x="expected before it ran", y="found",
-        xlim=ends, ylim=ends, equal=True,
-    )  # fmt: skip
+    axes = {"x": "expected before it ran", "y": "found", "xlim": ends, "ylim": ends}
+    chart = shown.chart("Error of a filter over that of the network", equal=True, **axes)
     shown.draw(chart, "published", "as expected", (ends, ends), at=0)
     kinds = {"kalman": "position", "coloured": "velocity"}
     for method, of in kinds.items():

@@ -68,7 +68,7 @@ def show_game(*, kalman: float, hinfinity: float) -> None:
     def out(g: float, c: int, s: int) -> tuple[float, ...]:
         return tuple(errors_of(g, *disturbance(c, s)))
 
-    def curve(g: float, c: int, s: int) -> tuple[Array, tuple[float, ...]]:
+    def curve(g: float, c: int, s: int) -> Any:
         return time, out(g, c, s)[:SEEN]
 
     def ratio(g: float, c: int, s: int) -> float:
@@ -90,9 +90,8 @@ def show_game(*, kalman: float, hinfinity: float) -> None:
     shown.goal("Kalman: energy above 3.5", lambda c, s: ratio(kalman, c, s) > 3.5)
     shown.show(
         "fig-l3-game",
-        "The energy that you put in is 1. A minus sign means that the fix "
-        "errors oppose the drift. In brackets: the most that any disturbance of 24 samples "
-        "can reach.",
+        "The energy that you put in is 1. A minus sign means that the fix errors oppose the drift. "
+        "In brackets: the most that any disturbance of 24 samples can reach.",
     )
 
 
@@ -104,10 +103,8 @@ def show_response(*, start: float) -> None:
     peak = {g: of[g].max() for g in GAINS}  # at the slowest wave, or at the fastest
     mean = {g: (1 + g**2) / (2 * g - g**2) for g in GAINS}
     shown = Moving("Peak and mean", Slider("g", "gain g", [*GAINS], start, "g = {:.3g}"))
-    chart = shown.chart(
-        "Energy out per unit put in", x="frequency (cycles a sample)", y="energy ratio",
-        xlim=(0, 0.5), ylim=(0, 8),
-    )  # fmt: skip
+    axes = {"x": "frequency (cycles a sample)", "y": "energy ratio", "xlim": (0, 0.5)}
+    chart = shown.chart("Energy out per unit put in", ylim=(0, 8), **axes)
     shown.draw(chart, "constant", "", lambda g: (frequency, np.minimum(of[g], 8)))
     shown.draw(chart, "kalman", "mean", lambda g: ([0.0, 0.5], [mean[g]] * 2))
     shown.draw(chart, "hinfinity", "peak", lambda g: ([0.5 * (g > 1)], [peak[g]]), style="points")
@@ -233,21 +230,19 @@ def show_votes(cases: Sequence[tuple[Array, Array, Array, float]]) -> list[int]:
     }
     lost = {step: (pair[0] < 0) & (pair[1] >= 0) for step, pair in found.items()}
     agree = {step: (pair[0] < 0) == (pair[1] < 0) for step, pair in found.items()}
-    chart = shown.chart(
-        "Each dot is a system", x="before the step (below 0: holds)", y="after the step",
-        xlim=(-1.2, 1.2), ylim=(-1.2, 1.2),
-    )  # fmt: skip
-    ends = {step: f"P1 ({STEPS[step - 1]}), P1 ({STEPS[step]})" for step in found}
+    axes = {"x": "before the step (below 0: holds)", "y": "after the step", "xlim": (-1.2, 1.2)}
+    chart = shown.chart("Each dot is a system", ylim=(-1.2, 1.2), **axes)
+    ends = {step: f"P1 ({STEPS[step - 1]}) to P1 ({STEPS[step]})" for step in found}
     shown.draw(chart, "truth", "", ([-1.2, 1.2], [0, 0]))
     shown.draw(chart, "truth", "", ([0, 0], [-1.2, 1.2]))
     shown.draw(chart, "hinfinity", "", lambda step: found[step][:, ~lost[step]], style="points")
     shown.draw(chart, "ins", "", lambda step: found[step][:, lost[step]], style="points")
-    shown.number("published", "from, to", lambda step: ends[step])
+    shown.number("published", "from", lambda step: ends[step])
     shown.number("hinfinity", "both inequalities agree", lambda step: f"{agree[step].sum():d}")
     shown.number("ins", "lost by the step", lambda step: f"{lost[step].sum():d}")
     shown.sentence(lambda step: (
-        f"The inequalities {ends[step]} agree for {agree[step].sum()} of {len(votes)} systems, and "
-        f"{lost[step].sum()} are lost."
+        f"From {ends[step]}, the inequalities agree for {agree[step].sum()} of {len(votes)} "
+        f"systems, and {lost[step].sum()} are lost."
     ))  # fmt: skip
     shown.show(
         "fig-l3-votes",
@@ -337,10 +332,8 @@ def show_vehicle(
             x = run_hinfinity((both, gain), y, initial_state=y[0])
             error[m].append(float(run.distances(run.ins - x).mean()))
     shown = Moving("The vehicle", Slider("m", "margin m", margins, margins[0], "{:g}"))
-    chart = shown.chart(
-        "Mean distance against the assumed Q", x="factor on Q, as a power of ten", y="distance (m)",
-        xlim=(-4.2, 4.2), ylim=(0, 0.7),
-    )  # fmt: skip
+    axes = {"x": "factor on Q, as a power of ten", "y": "distance (m)", "xlim": (-4.2, 4.2)}
+    chart = shown.chart("Mean distance against the assumed Q", ylim=(0, 0.7), **axes)
     powers, fixes = np.log10(FACTORS), float(run.distances(run.network).mean())
     shown.draw(chart, "kalman", "Kalman", (powers, np.minimum(error[np.inf], 0.7)), at=0)
     shown.draw(chart, "network", "fixes", (powers, np.full(len(powers), fixes)), at=7)

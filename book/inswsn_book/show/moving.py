@@ -35,8 +35,6 @@ _TAKERS: list[Callable[[str, str], None]] = []
 STYLES = ("line", "points", "bars", "band", "circle", "handle")
 _DOTS = {"points": 3, "handle": 7}  # points across, in the still picture
 _HEIGHT = 3.1  # inches, of each chart in the still picture
-_DIGITS = 4  # of what is drawn, over the range of its axis
-_EXPONENT = 1e16  # from where numbers are written with one
 _STEPS = 10_000  # from one end of an axis to the other, of what a page is given
 _SIGNS = "".join(sign for sign in map(chr, range(33, 127)) if sign not in '"<\\`')
 _BASE = len(_SIGNS) // 2
@@ -80,7 +78,7 @@ class _Table:
 class Chart:
     """One chart of a moving figure: its axes, and the series in it.
 
-    With `equal` a metre is as long upwards as sideways. Without a name `y` has no scale: rows.
+    With `equal` a metre is as long upwards as sideways.
     """
 
     title: str
@@ -156,7 +154,7 @@ class Moving:
         """
         for method, label in labels.items():
             self.number(method, label, partial(what, method))
-        return lambda *at: "; ".join(f"{labels[m]}: {what(m, *at)}" for m in labels)
+        return lambda *at: "; ".join(f"{labels[m]} {what(m, *at)}" for m in labels)
 
     def goal(self, text: str, reached: Callable[..., bool]) -> None:
         """Set the reader a goal; the page says when, and where, it is reached."""
@@ -224,8 +222,6 @@ class Moving:
             ax.set(xlim=chart.xlim, ylim=chart.ylim)
             if chart.equal:
                 ax.set_aspect("equal")
-            if not chart.y:
-                ax.set_yticks([])
         clear_the_way(fig, labels)
         return fig
 
@@ -280,19 +276,14 @@ def ellipse(covariance: Any, sigmas: float = 2.0) -> Array:
 
 
 def _chart(chart: Chart) -> dict[str, Any]:
-    spans = [high - low for low, high in (chart.xlim, chart.ylim)]
     series = [
         {"method": method, "label": label, "style": style, "at": at, "by": table.by,
-         "values": [_rounded(value, spans) for value in table.values]}
+         "values": [[np.asarray(v, float).tolist() for v in value] for value in table.values]}
         for method, label, style, at, table in chart.series
     ]  # fmt: skip
-    axes = {
-        "x": {"label": chart.x, "ends": chart.xlim, "ticks": _ticks(*chart.xlim)},
-        "y": {
-            "label": chart.y, "ends": chart.ylim, "ticks": _ticks(*chart.ylim) if chart.y else []
-        },
-    }  # fmt: skip
-    return {"title": chart.title, "equal": chart.equal, "series": series} | axes
+    x = {"label": chart.x, "ends": chart.xlim, "ticks": _ticks(*chart.xlim)}
+    y = {"label": chart.y, "ends": chart.ylim, "ticks": _ticks(*chart.ylim)}
+    return {"title": chart.title, "equal": chart.equal, "series": series, "x": x, "y": y}
 
 
 def _packed(content: dict[str, Any]) -> dict[str, Any]:
@@ -329,18 +320,6 @@ def _text(values: Sequence[float], low: float, high: float) -> str:
             signs.append(_SIGNS[_BASE + digit])
         signs.append(_SIGNS[left])
     return "".join(signs)
-
-
-def _rounded(value: Sequence[Any], spans: Sequence[float]) -> list[list[float]]:
-    """Return x and what stands over it to a ten-thousandth of the axes."""
-    digits = [_DIGITS - int(np.floor(np.log10(span))) for span in spans]
-    x, *others = (np.asarray(values, dtype=float) for values in value)
-    return [_plain(x.round(digits[0])), *(_plain(y.round(digits[1])) for y in others)]
-
-
-def _plain(values: Array) -> list[float]:
-    """Return numbers as JSON has them in few characters: 2 for 2.0, and 0 for -0.0."""
-    return [int(v) if v.is_integer() and abs(v) < _EXPONENT else v for v in values.tolist()]
 
 
 def _ticks(low: float, high: float) -> list[tuple[float, str]]:
