@@ -6,14 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 from made_recording import GRAVITY, coloured
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
+from inswsn_lib.checks import Array
 from inswsn_lib.streams import Fixes, Imu, Odometry, Ranges, Recording, Reference
 
-Array = NDArray[np.float64]
 Random = np.random.Generator
 
 _STEP = 0.005  # s, of what is known of a motion
