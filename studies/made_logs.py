@@ -155,9 +155,7 @@ def made_car(seed: int) -> Recording:
         )
     velocity = motion.velocity(time) + rng.normal(0, 0.05, (len(time), 3))
     fixes = Fixes(
-        time,
-        (motion.place(time, arm) + errors).round(3),
-        velocity if rng.random() < 0.5 else None,
+        time, (motion.place(time, arm) + errors).round(3), velocity if rng.random() < 0.5 else None
     )
     reference = _reference(rng, motion, seconds, [5, 10, 50], 0.01, kind == 2) if kind else None
     imu = imu_of(rng, motion, seconds)

@@ -168,8 +168,7 @@ def show_third(results: Mapping[str, Mapping[str, str]], allowed: float) -> None
 
     need = {axis: points_needed(pair) for axis, pair in pairs.items()}
     shown = Moving(
-        "Two comparisons imply a third",
-        Slider("axis", "error of", [*pairs], "position in x", "{}"),
+        "Two comparisons imply a third", Slider("axis", "error of", [*pairs], "position in x", "{}")
     )
     axes = {"x": "points that “about” allows", "y": "ratio of errors", "xlim": (0, 30)}
     chart = shown.chart("Federated filter over INS alone", ylim=(0, top), **axes)

@@ -114,8 +114,7 @@ def show_response(*, start: float) -> None:
         lambda g: f"With g = {g:.3g} the peak is {peak[g]:.2f} and the mean {mean[g]:.2f}."
     )
     shown.show(
-        "fig-l3-response",
-        "Find the gain with the lowest peak, then the one with the lowest mean.",
+        "fig-l3-response", "Find the gain with the lowest peak, then the one with the lowest mean."
     )
 
 
