@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping
 from typing import Any
 
-from matplotlib import pyplot as plt
+from inswsn_book.show import svg_of
 from matplotlib.ticker import NullFormatter
 
 from inswsn_lib.plotting import COLOURS, figure
@@ -35,7 +34,4 @@ def growth_svg(found: Mapping[str, Any]) -> str:
         ax.set(yscale="log", xlabel=over, ylabel="s")
         ax.xaxis.set_minor_formatter(NullFormatter())
         ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=9)
-    stream = io.StringIO()
-    fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
-    plt.close(fig)
-    return stream.getvalue()
+    return svg_of(fig)

@@ -33,7 +33,4 @@ extensions = [
     name for name in _settings["extensions"] if name not in ("jupyter_book", "sphinx_comments")
 ]
 # `inswsn_book.make.site`, which writes the foot into pages later, has no part in this
-html_theme_options = {
-    **_settings["html_theme_options"],
-    "extra_footer": escape(footer(_project)),
-}
+html_theme_options = {**_settings["html_theme_options"], "extra_footer": escape(footer(_project))}

@@ -26,11 +26,10 @@ from inswsn_book.record.files import write_whole
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from inswsn_lib.checks import Array
 from inswsn_lib.papers import read_table
 from inswsn_lib.scenario import from_settings, load_scenario
 from inswsn_lib.simulation import InertialErrors, Scene, simulate_ins
-
-Array = NDArray[np.float64]
 
 ROOT = Path(__file__).parent.parent
 SEED, STARTS = 2012, 60

@@ -24,10 +24,9 @@ from calibrate_imu import SUSPECT, errors_of, printed_cells
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from inswsn_lib.checks import Array
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.simulation import Motion, Path, simulate_ins
-
-Array = NDArray[np.float64]
 
 SEED = 1
 START, END = np.array([650.0, 0.0]), np.array([130.0, 400.0])

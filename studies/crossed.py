@@ -30,15 +30,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from crossed_figure import crossed_svg
 from factors import CROSSED, EVERY, SAMPLED, Crossing, Factor, Point, load_crossing, reasons
-from indices import (
-    Effect,
-    Share,
-    filled,
-    morris_effects,
-    morris_places,
-    sobol_places,
-    sobol_shares,
-)
+from indices import Effect, Share, filled, morris_effects, morris_places, sobol_places, sobol_shares
 from inswsn_book.record.files import text_digest, tree_digest, write_whole
 from inswsn_book.record.project import Project
 from inswsn_book.record.results import Finite, Frozen, read_results

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from inswsn_book.run.assumptions import Headline
-from matplotlib import pyplot as plt
+from inswsn_book.show import svg_of
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
@@ -36,10 +35,7 @@ def crossed_svg(study: Crossed, headlines: Mapping[str, Headline]) -> str:
         Line2D([], [], color=COLOURS["contradicted"], ls="--", label="turns"),
     ]
     fig.legend(handles=marks, loc="outside upper left", ncols=4, fontsize=8.5)
-    stream = io.StringIO()
-    fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
-    plt.close(fig)
-    return stream.getvalue()
+    return svg_of(fig)
 
 
 def _distribution(ax: Axes, spread: Spread, headline: Headline) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 import statistics
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,7 +10,7 @@ from typing import Any
 
 from inswsn_book.judge.review import Findings
 from inswsn_book.run.assumptions import Assumption, Assumptions, Headline, Within
-from matplotlib import pyplot as plt
+from inswsn_book.show import svg_of
 from matplotlib.ticker import LogLocator, NullLocator
 from scipy.special import stdtrit
 from study import BASELINE, Run, Study
@@ -330,7 +329,4 @@ def tornado_svg(panels: Sequence[Sequence[tuple[str, Effect]]]) -> str:
         ax.set_title(title, loc="left", fontsize=9.5)
         ax.grid(axis="y", visible=False)
     axes[-1, 0].set_xlabel("result over that of the unchanged run")
-    stream = io.StringIO()
-    fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
-    plt.close(fig)
-    return stream.getvalue()
+    return svg_of(fig)

@@ -38,13 +38,7 @@ from inswsn_book.record.project import Chapter, Project
 from inswsn_book.record.provenance import machine_facts, repository_state
 from inswsn_book.record.results import Frozen, Name, Quantity, Results, read_results
 from inswsn_book.run.compare import Change, flipped_verdicts, pair_quantities
-from inswsn_book.run.store import (
-    Outcome,
-    Request,
-    Run,
-    reference_results,
-    run_all,
-)
+from inswsn_book.run.store import Outcome, Request, Run, reference_results, run_all
 from pydantic import Field
 from sensitivity import plain_sentence
 from study import read_kept
@@ -264,9 +258,7 @@ def compared(
         judged=len(claims),
         flipped=tuple(
             Flipped(
-                claim=claim.id,
-                before=old.words if old else None,
-                after=new.words if new else None,
+                claim=claim.id, before=old.words if old else None, after=new.words if new else None
             )
             for claim, old, new in flipped_verdicts(claims, reference, outcome)
         ),
@@ -415,9 +407,8 @@ def file_results(project: Project, folder: Path, chapters: list[Chapter], progre
 def line_of(cell: Cell, chapter: Chapter) -> str:
     """Return a line for the terminal."""
     how = f"failed: {cell.failed}" if cell.failed else (
-        f"{cell.compared} quantities, {len(cell.beyond)} beyond tolerance, "
-        f"{len(cell.overturned)} sentences overturned, {len(cell.flipped)} verdicts flipped, "
-        f"{cell.seconds:.0f} s"
+        f"{cell.compared} quantities, {len(cell.beyond)} beyond tolerance, {len(cell.overturned)} "
+        f"sentences overturned, {len(cell.flipped)} verdicts flipped, {cell.seconds:.0f} s"
     )  # fmt: skip
     return f"{cell.variant}: {chapter.name}: {how}"
 

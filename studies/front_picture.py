@@ -6,7 +6,6 @@ text of the front page, and drawn in data/front.svg, and on white in data/readme
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -16,7 +15,7 @@ from pathlib import Path
 from inswsn_book.judge.review import Findings
 from inswsn_book.record.files import write_whole
 from inswsn_book.record.results import read_results
-from matplotlib import pyplot as plt
+from inswsn_book.show import svg_of
 
 from inswsn_lib.files import read_yaml
 from inswsn_lib.plotting import COLOURS, figure
@@ -100,10 +99,7 @@ def front_svg(rows: Sequence[Contest], **options: str) -> str:
     axes.set_yticks(list(places), [row.label for row in rows])
     axes.set_xlabel("the method's error over its rival's")
     fig.legend(loc="outside upper right", ncols=3, fontsize=9, columnspacing=1, handletextpad=0.2)
-    stream = io.StringIO()
-    fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None}, **options)
-    plt.close(fig)
-    return stream.getvalue()
+    return svg_of(fig, **options)
 
 
 def main() -> None:

@@ -6,14 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 from made_recording import GRAVITY, coloured
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
+from inswsn_lib.checks import Array
 from inswsn_lib.streams import Fixes, Imu, Odometry, Ranges, Recording, Reference
 
-Array = NDArray[np.float64]
 Random = np.random.Generator
 
 _STEP = 0.005  # s, of what is known of a motion
@@ -156,9 +155,7 @@ def made_car(seed: int) -> Recording:
         )
     velocity = motion.velocity(time) + rng.normal(0, 0.05, (len(time), 3))
     fixes = Fixes(
-        time,
-        (motion.place(time, arm) + errors).round(3),
-        velocity if rng.random() < 0.5 else None,
+        time, (motion.place(time, arm) + errors).round(3), velocity if rng.random() < 0.5 else None
     )
     reference = _reference(rng, motion, seconds, [5, 10, 50], 0.01, kind == 2) if kind else None
     imu = imu_of(rng, motion, seconds)

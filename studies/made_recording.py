@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from inswsn_lib.checks import Array
 from inswsn_lib.streams import Imu, Odometry, Ranges, Recording, Reference
-
-Array = NDArray[np.float64]
 
 ROOM = np.array([[x, y, z] for x in (-4.0, 4.0) for y in (-3.0, 3.0) for z in (0.0, 2.5)])
 YARD = np.array([[-30.0, -20.0], [30.0, -22.0], [28.0, 20.0], [-31.0, 23.0], [2.0, 30.0]])

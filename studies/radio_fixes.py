@@ -20,18 +20,16 @@ from typing import Any
 import numpy as np
 from inswsn_book.record.files import write_whole
 from inswsn_book.record.provenance import repository_state
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from inswsn_lib import logs
+from inswsn_lib.checks import Array
 from inswsn_lib.logs.estimates import tag_track
 from inswsn_lib.streams import Recording
 
 ROOT = Path(__file__).parent.parent
 NAME = "inrol/1"
 INTERVAL = 0.2  # s
-
-Array = NDArray[np.float64]
 
 
 def fix(anchors: Array, ranges: Array, start: Array) -> Array:

@@ -163,12 +163,7 @@ def _edited(source: str, chapter: str, change: Alternative) -> str:
     return source
 
 
-def run_of(
-    project: Project,
-    cell: Cell,
-    headlines: Iterable[Headline],
-    outcome: Outcome,
-) -> Run:
+def run_of(project: Project, cell: Cell, headlines: Iterable[Headline], outcome: Outcome) -> Run:
     """Return what came of a cell.
 
     A run that fails is a result: a design that is not feasible, or a scene that cannot be.

@@ -202,11 +202,7 @@ def study(found: list[Base], ways: Sequence[Spoiler], draws: int) -> Study:
         seed=SEED,
         sources={name: file_digest(Path(__file__).parent / name) for name in SOURCES},
     )
-    return Study(
-        made=made,
-        errors=errors,
-        trials=tuple(trials),
-    )
+    return Study(made=made, errors=errors, trials=tuple(trials))
 
 
 def text_of(found: Study) -> str:

@@ -14,14 +14,12 @@ from functools import cached_property
 
 import numpy as np
 from made_recording import made, made_drive, made_imu
-from numpy.typing import NDArray
 
 from inswsn_lib import logs
+from inswsn_lib.checks import Array
 from inswsn_lib.logs.correction import COLOURED, PLANAR_TIGHT, correction_of
 from inswsn_lib.logs.estimates import of_solution, truth_at
 from inswsn_lib.streams import Recording
-
-Array = NDArray[np.float64]
 
 _ALIGNED = 20.0  # s
 _NEAR = 1.0  # s, between fixes between which a place is told

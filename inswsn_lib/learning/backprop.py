@@ -96,10 +96,7 @@ class BackpropRegressor(Regressor):
     random_state: int = 0
 
     def fit_many(
-        self,
-        Xs: Sequence[ArrayLike],
-        ys: Sequence[ArrayLike],
-        numbers: Sequence[int] | None = None,
+        self, Xs: Sequence[ArrayLike], ys: Sequence[ArrayLike], numbers: Sequence[int] | None = None
     ) -> list[Self]:
         """Train a copy of this estimator on each of several data sets of one shape, all at once.
 

@@ -10,13 +10,7 @@ from numpy.typing import ArrayLike
 from inswsn_lib.checks import Array, array, matrices, number, one_of, whole
 from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.learning.base import Regressor
-from inswsn_lib.learning.lssvm import (
-    KERNELS,
-    Kernel,
-    LSSVMRegressor,
-    kernel_matrix,
-    room_for,
-)
+from inswsn_lib.learning.lssvm import KERNELS, Kernel, LSSVMRegressor, kernel_matrix, room_for
 
 #: Candidates of `SelectedLSSVM`, for inputs of unit deviation
 SIGMAS = tuple(float(s) for s in np.geomspace(0.125, 64.0, 10))

@@ -258,8 +258,7 @@ class _State:
             dual = self.dual - given.places.read(self.J @ dZ @ self.J.mT)
             dual -= given.multiplied(y[:-1])
             ends = np.append(
-                self.equal - given.equations(x),
-                self.dual_s + np.sum((self.own @ dZ) * self.own),
+                self.equal - given.equations(x), self.dual_s + np.sum((self.own @ dZ) * self.own)
             )
             first = (last @ dual[:, m:, None])[:, :, 0]
             first[:, :m] += (dual[:, None, :m] @ self.back)[:, 0]

@@ -20,13 +20,7 @@ from inswsn_lib.lmi.designs import (
     told_gap,
 )
 from inswsn_lib.lmi.norms import hinf_norm, spectral_radius
-from inswsn_lib.lmi.solvers import (
-    Inequality,
-    first_that_passes,
-    in_order,
-    solve,
-    symmetric_units,
-)
+from inswsn_lib.lmi.solvers import Inequality, first_that_passes, in_order, solve, symmetric_units
 from inswsn_lib.lmi.stochastic import mean_square_radius, riccati_gain_below
 from inswsn_lib.lmi.units import Units
 from inswsn_lib.models import ErrorModel
@@ -163,10 +157,7 @@ def _worst_gain(model: ErrorModel, units: Units, gain: Array, level: float, form
 
 
 def minimise_gamma(
-    model: ErrorModel,
-    form: Form = "exact",
-    *,
-    solver: Solver | tuple[Solver, ...] = "clarabel",
+    model: ErrorModel, form: Form = "exact", *, solver: Solver | tuple[Solver, ...] = "clarabel"
 ) -> tuple[float, Array]:
     r"""Solve P1 (2.23) as it stands: the least gamma over P and Q, and :math:`B_f = P^{-1} Q`.
 

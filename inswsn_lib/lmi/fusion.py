@@ -36,13 +36,7 @@ from inswsn_lib.lmi.designs import (
 )
 from inswsn_lib.lmi.filter_design import LARGEST_MARGIN, TOLERANCE, refuse_if
 from inswsn_lib.lmi.norms import hinf_norm, spectral_radius, swept_peak
-from inswsn_lib.lmi.solvers import (
-    Inequality,
-    first_that_passes,
-    in_order,
-    solve,
-    symmetric_units,
-)
+from inswsn_lib.lmi.solvers import Inequality, first_that_passes, in_order, solve, symmetric_units
 
 NOISES = ("common", "independent")
 FUSION_SOLVERS = ("structured", "clarabel", "scs")

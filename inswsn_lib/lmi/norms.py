@@ -142,10 +142,7 @@ def hinf_norm(A: ArrayLike, B: ArrayLike, C: ArrayLike, relative: float = 1e-10)
 
 
 def swept_peak(
-    sizes: Callable[[Array], Array],
-    poles: NDArray[Any],
-    points: int = _SWEEP,
-    zooms: int = _ZOOMS,
+    sizes: Callable[[Array], Array], poles: NDArray[Any], points: int = _SWEEP, zooms: int = _ZOOMS
 ) -> float:
     """Return the largest value of a function of frequencies, over a grid with its peaks refined.
 

@@ -14,14 +14,7 @@ from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.filters import MISFIT, likely_interval
 from inswsn_lib.inertial import InertialState, PlanarState, Solution, Start, smooth
 from inswsn_lib.logs.correction import COLOURED, is_planar, turned_by_gyroscope
-from inswsn_lib.logs.estimates import (
-    ERRORS,
-    FEWEST,
-    Estimate,
-    innovations_of,
-    scores,
-    truth_at,
-)
+from inswsn_lib.logs.estimates import ERRORS, FEWEST, Estimate, innovations_of, scores, truth_at
 from inswsn_lib.logs.filter_checks import check_innovations, check_nees, check_outliers
 from inswsn_lib.logs.findings import FALSE_ALARM, Finding
 from inswsn_lib.logs.ladder import Ladder

@@ -18,14 +18,7 @@ from sklearn.dummy import DummyRegressor
 from inswsn_lib import learning
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import Described, ParameterError
-from inswsn_lib.evaluation import (
-    Finding,
-    Scores,
-    Tuning,
-    mean_absolute_error,
-    monte_carlo,
-    tune,
-)
+from inswsn_lib.evaluation import Finding, Scores, Tuning, mean_absolute_error, monte_carlo, tune
 from inswsn_lib.filters import deadbeat_gain, run_hinfinity, run_kalman
 from inswsn_lib.learning import (
     LSSVMRegressor,

@@ -15,12 +15,7 @@ from inswsn_lib.checks import Array, one_of, unmasked, whole
 from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.evaluation import Finding, Scores, cluster_mean
 from inswsn_lib.files import data_file
-from inswsn_lib.learning import (
-    HoldRegressor,
-    LSSVMRegressor,
-    RBFNetworkRegressor,
-    SelectedLSSVM,
-)
+from inswsn_lib.learning import HoldRegressor, LSSVMRegressor, RBFNetworkRegressor, SelectedLSSVM
 from inswsn_lib.navigation.vehicle_hybrid import Bridge, Ramps, VehicleHybrid
 from inswsn_lib.scenario import Setting, load_scenario, with_values
 from inswsn_lib.simulation import Drive, Truth, simulate_sensors, true_motion

@@ -12,14 +12,12 @@ import numpy as np
 import pytest
 from inswsn_book.judge.verdicts import Judged, Verdict
 from inswsn_book.record.results import Results
-from numpy.typing import NDArray
 
+from inswsn_lib.checks import Array
 from inswsn_lib.lmi import riccati_gamma
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.scenario import from_settings, load_scenario
 from inswsn_lib.simulation import ClusterScene
-
-Array = NDArray[np.float64]
 
 CHAPTER = "p2-fusion"
 T = 0.02

@@ -14,16 +14,14 @@ import numpy as np
 import pytest
 from inswsn_book.judge.verdicts import Judged, Verdict
 from inswsn_book.record.results import Results
-from numpy.typing import NDArray
 from pyins import transform
 
 from inswsn_lib import papers
+from inswsn_lib.checks import Array
 from inswsn_lib.files import DATA_VARIABLE
 from inswsn_lib.scenario import Setting, load_scenario, with_values
 from inswsn_lib.simulation import Drive, Truth, simulate_sensors, true_motion
 from inswsn_lib.vehicle import FilterSettings, VehicleRun, run_vehicle_filter
-
-Array = NDArray[np.float64]
 
 CHAPTER = "p3-vehicle"
 SEED, DRAWS, ROUTES, PLACES = 2015, 4, 12, 8

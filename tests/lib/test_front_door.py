@@ -15,11 +15,7 @@ LIGHT = {"lazy_loader", "numpy", "yaml"}
 NUMPY_ALONE = [
     *("ErrorModel", "run_kalman", "design_kalman", "run_hinfinity", "deadbeat_gain"),
     *("run_federated", "run_fused_locals", "run_distributed", "run_switched", "run_robust"),
-    *(
-        "FilterDesign",
-        "FusionDesign",
-        "InfeasibleDesignError",
-    ),  # to run them
+    *("FilterDesign", "FusionDesign", "InfeasibleDesignError"),  # to run them
 ]
 
 

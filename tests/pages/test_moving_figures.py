@@ -197,7 +197,7 @@ def test_a_page_reads_what_was_written(browser: Browser, displayed: list[Any]) -
     made.draw(chart, "ins", "", lambda a: (np.arange(50.0), a * wave))
     made.draw(chart, "ins", "", lambda a: (np.arange(a), -wave[:a], wave[:a]), style="band")
     made.draw(chart, "ins", "", ([], []), style="points")
-    made.show(name="fig-read", caption="See.", alt="Waves, 3 m high.")
+    made.show("fig-read", "See.")
     page = browser.new_page()
     page.set_content(displayed[0][0]["text/html"])
     page.add_script_tag(path=ROOT / "book" / "_static" / "moving.js")

@@ -153,11 +153,7 @@ class Correction:
 
     @classmethod
     def of(
-        cls,
-        estimate: Callable[[Array], Array],
-        samples: int,
-        noise: ArrayLike,
-        first: int = 0,
+        cls, estimate: Callable[[Array], Array], samples: int, noise: ArrayLike, first: int = 0
     ) -> Correction:
         """Return the map of a filter, from its answers to single measurements.
 

@@ -13,13 +13,7 @@ from sklearn.dummy import DummyRegressor
 from sklearn.linear_model import LinearRegression
 
 from inswsn_lib.checks import Array
-from inswsn_lib.evaluation import (
-    Finding,
-    Score,
-    mean_absolute_error,
-    score_hypothesis,
-    tune,
-)
+from inswsn_lib.evaluation import Finding, Score, mean_absolute_error, score_hypothesis, tune
 from inswsn_lib.learning import LSSVMRegressor
 from inswsn_lib.navigation.bridged_outages import (
     HEADLINES,

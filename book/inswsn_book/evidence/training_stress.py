@@ -228,9 +228,7 @@ def _cases(areas: TrainingAreas) -> dict[str, Drawn]:
     def added(key: int, part: str, *, start: float = 0.0, **sizes: float) -> Drawn:
         """Add errors along x and y from a time on, in m, m/s and m/s^2."""
         return disturbed(
-            key,
-            part,
-            lambda e, _, a: e + _ramp(areas.models[a].period, len(e), start, **sizes),
+            key, part, lambda e, _, a: e + _ramp(areas.models[a].period, len(e), start, **sizes)
         )
 
     def wander(e: Array, rng: np.random.Generator, a: str) -> Array:
@@ -392,10 +390,7 @@ def knowing_recorded(contest: FilterContest, fits: Sequence[tuple[float, float]]
 
 
 def on_recorded(
-    contest: FilterContest,
-    filters: Mapping[str, Estimator],
-    recorded: Array,
-    runs: int,
+    contest: FilterContest, filters: Mapping[str, Estimator], recorded: Array, runs: int
 ) -> dict[tuple[str, str], float]:
     """Return `position_share` with the errors of recorded fixes, in order and shuffled."""
     areas = contest.areas

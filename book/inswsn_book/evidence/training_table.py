@@ -14,12 +14,7 @@ from scipy.optimize import curve_fit
 from inswsn_lib.checks import Array
 from inswsn_lib.evaluation import Finding, autocorrelation, quotient
 from inswsn_lib.navigation.filter_contest import FilterContest
-from inswsn_lib.navigation.training_areas import (
-    AREAS,
-    ByArea,
-    table2_cells,
-    table2_findings,
-)
+from inswsn_lib.navigation.training_areas import AREAS, ByArea, table2_cells, table2_findings
 from inswsn_lib.papers import AXES, COLUMNS
 
 if TYPE_CHECKING:  # in a page that runs its cells there are no verdicts

@@ -14,13 +14,7 @@ from inswsn_book.evidence.vehicle_tables import Ratios, rows_table, written
 from inswsn_lib.checks import Array
 from inswsn_lib.evaluation import Finding, cluster_share
 from inswsn_lib.navigation import RecordedTrials, VehicleOutages, outage_size
-from inswsn_lib.navigation.vehicle_outages import (
-    AFTER,
-    LAG,
-    OUTAGE,
-    WHEEL_NOISE,
-    WHEEL_SCALE,
-)
+from inswsn_lib.navigation.vehicle_outages import AFTER, LAG, OUTAGE, WHEEL_NOISE, WHEEL_SCALE
 
 #: The rungs from below, by the names that they have in the outages
 LADDER = {
@@ -36,12 +30,7 @@ LADDER = {
     "smoothed": "P3's aids, smoother with GPS after the outage: not causal",
 }
 #: Of smoothers, s, and of simulated wheels, m/s and %
-NUMBERS = {
-    "lag": LAG,
-    "after": AFTER,
-    "wheel-noise": WHEEL_NOISE,
-    "wheel-scale": 100 * WHEEL_SCALE,
-}
+NUMBERS = {"lag": LAG, "after": AFTER, "wheel-noise": WHEEL_NOISE, "wheel-scale": 100 * WHEEL_SCALE}
 # What is put against what; the first over the second
 _STEPS = (("standstill", "through"), ("wheels", "standstill"), ("lagged", "through"))
 _OVER = (*((name, "never") for name in LADDER if name != "never"), *_STEPS)

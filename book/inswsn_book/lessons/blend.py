@@ -6,10 +6,10 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inswsn_book import record as book
-from inswsn_book.show.moving import Moving, Slider
+from inswsn_book.show.moving import Moving, Slider, ellipse
+from inswsn_lib.checks import Array
 from inswsn_lib.evaluation import mean_bounds, normalised_squares
 from inswsn_lib.filters import run_hinfinity
 from inswsn_lib.models import ErrorModel
@@ -19,7 +19,6 @@ from inswsn_lib.papers import read_rows
 if TYPE_CHECKING:
     from inswsn_lib.navigation import TrainingAreas
 
-Array = NDArray[np.float64]
 #: A filter by hand: estimates of the error of the INS (samples, 4), by a gain
 ByGain = Callable[[float], Array]
 #: Estimates and their covariances, of measurements and a factor on Q
@@ -55,7 +54,7 @@ def show_map(run: ExampleRun, *, start: float) -> None:
         return track[: int(t / run.period) + 1, :2][-last:].T
 
     drifting = run.ins - (run.ins - run.truth)[0] * [1, 1, 0, 0]  # it starts on the path
-    place = shown.chart("Map", x="x (m)", y="y (m)", xlim=(355, 525), ylim=(10, 80), equal=True)
+    place = shown.map("Map", xlim=(355, 525), ylim=(10, 80))
     shown.draw(place, "ins", "INS", lambda t: until(drifting, t))
     shown.draw(place, "network", "", lambda t: until(run.network, t), style="points")
     shown.draw(place, "truth", "true path", run.truth[:, :2].T)
@@ -79,8 +78,8 @@ def show_map(run: ExampleRun, *, start: float) -> None:
         lambda g: f"With a gain of {g:.3f}, the mean error of the blend is {centimetres(mean[g])}."
     )
     shown.show(
-        name="fig-l2-map",
-        caption="Drag the gain, and the vehicle. At 0, the INS is corrected once, by the first "
+        "fig-l2-map",
+        "Drag the gain, and the vehicle. At 0, the INS is corrected once, by the first "
         "fix, and the blend drifts away. At 1, the blend equals the fixes. The best gain is in "
         "between. Numbers are means over 20 seconds.",
     )
@@ -90,9 +89,9 @@ def show_instruments(run: ExampleRun) -> None:
     """Show the errors of both instruments on one axis, each at its own scale."""
     ins, network = ((what - run.truth)[:, 0] for what in (run.ins, run.network))
     shown = Moving("Two kinds of error")
-    time = {"x": "time (s)", "y": "error in x (m)", "xlim": (0, 20)}
-    smooth = shown.chart("INS: smooth, but it grows", ylim=(-16, 0), **time)
-    rough = shown.chart("Fixes: rough, but it does not grow", ylim=(-0.5, 0.5), **time)
+    axes = {"y": "error in x (m)", "xlim": (0, 20)}
+    smooth = shown.chart("INS: smooth, but it grows", ylim=(-16, 0), **axes)
+    rough = shown.chart("Fixes: rough, but it does not grow", ylim=(-0.5, 0.5), **axes)
     shown.draw(smooth, "ins", "INS", (run.time, ins))
     shown.draw(rough, "network", "fixes", (run.time, network), style="points")
     shown.number("ins", "mean step of the INS error", f"{abs(np.diff(ins)).mean():.2f} m")
@@ -100,8 +99,8 @@ def show_instruments(run: ExampleRun) -> None:
     ends = f"from {ins[0]:.1f} to {ins[-1]:.1f} m; that of the fixes jumps about zero"
     shown.sentence(lambda: f"The error of the INS in x changes smoothly {ends}.")
     shown.show(
-        name="fig-l2-instruments",
-        caption="The same 20 seconds and the same axis; note the different scales. The error of "
+        "fig-l2-instruments",
+        "The same 20 seconds and the same axis; note the different scales. The error of "
         "the INS is a smooth curve that a model can follow. The error of each fix is new.",
     )
 
@@ -113,7 +112,7 @@ def show_gains(run: ExampleRun, by_gain: ByGain) -> None:
     shown = Moving(
         "Error against the gain", Slider("g", "gain g", [*GAINS], GAINS[2], "g = {:.3f}")
     )
-    chart = shown.chart("Mean error", x="gain g", y="error (m)", xlim=(0, 1), ylim=(0, 0.6))
+    chart = shown.chart("Mean error", x="gain g", xlim=(0, 1), ylim=(0, 0.6))
     seen = np.minimum(mean, 0.6)
     shown.draw(chart, "ins", "drift gets in", (GAINS[: low + 1], seen[: low + 1]), at=4)
     shown.draw(chart, "network", "noise gets in", (GAINS[low:], seen[low:]), at=low)
@@ -122,8 +121,8 @@ def show_gains(run: ExampleRun, by_gain: ByGain) -> None:
     shown.number("constant", "mean error", lambda g: centimetres(at[g]))
     shown.sentence(lambda g: f"With g = {g:.3f}, the mean error is {at[g]:.3f} m.")
     shown.show(
-        name="fig-l2-gains",
-        caption="Drag the dot. Left of the lowest point, the error is mostly drift; right of it, "
+        "fig-l2-gains",
+        "Drag the dot. Left of the lowest point, the error is mostly drift; right of it, "
         "mostly noise.",
     )
 
@@ -148,8 +147,8 @@ def show_bells(*, start: float = 0.2, measured: float = 0.3, R: float = 0.1**2) 
     shown.number("kalman", "uncertainty of the blend", lambda s: f"± {size[s]:.3f} m")
     shown.sentence(lambda s: f"The gain is {K[s]:.2f}. The blend is uncertain by {size[s]:.3f} m.")
     shown.show(
-        name="fig-l2-bells",
-        caption="The blend lies between the two, closer to the narrower one, and is the narrowest.",
+        "fig-l2-bells",
+        "The blend lies between the two, closer to the narrower one, and is the narrowest.",
     )
 
 
@@ -166,24 +165,20 @@ def show_outage(run: ExampleRun, run_filter: Filter) -> None:
         n: run_filter(np.where(kept[n][:, None], run.ins - run.network, np.nan), 1.0)
         for n in lengths
     }
-    turn = np.linspace(0, 2 * np.pi, 49)
-    circle = 2 * np.array([np.cos(turn), np.sin(turn)])
 
-    def ellipse(n: int, t: int) -> Array:
+    def around(n: int, t: int) -> Array:
         estimate, P = found[n][0][5 * t], found[n][1][5 * t]
-        middle = (run.ins[5 * t] - estimate)[:2, None]
-        return np.asarray(middle + 10 * np.linalg.cholesky(P[:2, :2]) @ circle)
+        return np.asarray((run.ins[5 * t] - estimate)[:2, None] + ellipse(P[:2, :2], 10 * 2))
 
-    axes = {"x": "x (m)", "y": "y (m)", "xlim": (370, 530), "ylim": (5, 65)}
-    place = shown.chart("Map (ellipse ten times its size)", equal=True, **axes)
+    place = shown.map("Map (ellipse ten times its size)", xlim=(370, 530), ylim=(5, 65))
     shown.draw(place, "truth", "", run.truth[:, :2].T)
     shown.draw(
         place, "network", "fixes", lambda n, t: run.network[kept[n] & (k <= 5 * t), :2].T,
         style="points",
     )  # fmt: skip
-    shown.draw(place, "kalman", "", ellipse)
+    shown.draw(place, "kalman", "", around)
     shown.draw(place, "truth", "", lambda t: run.truth[5 * t, :2, None], style="handle")
-    chart = shown.chart("Error in x", x="time (s)", y="error (m)", xlim=(0, 20), ylim=(-2, 2))
+    chart = shown.chart("Error in x", xlim=(0, 20), ylim=(-2, 2))
     error = {n: (run.ins - x - run.truth)[:, 0] for n, (x, _) in found.items()}
     band = {n: 2 * np.sqrt(P[:, 0, 0]) for n, (_, P) in found.items()}
     shown.draw(chart, "kalman", "", lambda n: (run.time, -band[n], band[n]), style="band")
@@ -197,8 +192,8 @@ def show_outage(run: ExampleRun, run_filter: Filter) -> None:
         f"in its band for {inside[n]:.0%} of the time."
     ))  # fmt: skip
     shown.show(
-        name="fig-l2-outage",
-        caption="The band and the ellipse are 2 standard deviations, as computed by the filter. "
+        "fig-l2-outage",
+        "The band and the ellipse are 2 standard deviations, as computed by the filter. "
         "They widen while fixes are lost, and the next fixes narrow them again.",
     )
 
@@ -217,9 +212,8 @@ def show_told(run: ExampleRun, run_filter: Filter, *, start: float) -> None:
     shown = Moving(
         "What the filter assumes", Slider("q", "assumed Q / matched Q", [*FACTORS], start, "{:g}")
     )
-    chart = shown.chart(
-        "Mean error", x="factor on Q (power of ten)", y="error (m)", xlim=(-4.2, 4.2), ylim=(0, 0.5)
-    )
+    axes = {"x": "factor on Q (power of ten)", "xlim": (-4.2, 4.2), "ylim": (0, 0.5)}
+    chart = shown.chart("Mean error", **axes)
     powers = np.log10(FACTORS)
     shown.draw(chart, "kalman", "Kalman filter", (powers, error), at=3)
     network = float(run.distances(run.network).mean())
@@ -232,8 +226,8 @@ def show_told(run: ExampleRun, run_filter: Filter, *, start: float) -> None:
         lambda q: f"The mean error is {told[q][0]:.3f} m, and the filter is {verdict(told[q][1])}."
     )
     shown.show(
-        name="fig-l2-told",
-        caption="With too small a Q, the drift remains; with too large a Q, the filter follows the "
+        "fig-l2-told",
+        "With too small a Q, the drift remains; with too large a Q, the filter follows the "
         "fixes. Without the truth, the NIS (below) still shows whether innovations are as large "
         "as assumed.",
     )
@@ -266,8 +260,8 @@ def show_weights(weights: Callable[[float], Array], *, start: float) -> None:
         lambda q: f"The latest fix has a weight of {of[q][0]:.2f}. In P1's filter its weight is 1."
     )
     shown.show(
-        name="fig-l2-weights",
-        caption="Bars: the Kalman filter. Dots: P1's filter as published, which has no memory.",
+        "fig-l2-weights",
+        "Bars: the Kalman filter. Dots: P1's filter as published, which has no memory.",
     )
 
 
@@ -276,9 +270,9 @@ def hold(record: book.ChapterRecord, run: ExampleRun, by_gain: ByGain, run_filte
     for name in ("p1", "p1-inertial"):
         record.data(f"scenarios/{name}.yaml")
     printed = read_rows(record.data("papers/p1-table2.csv"), index="method")
-    record.say("kf.taken.unit", f"{record.reference('p1-training', 'kf.taken.unit').value:.0f}")
-    for chapter, said in (("recorded-data", "room.memory"), ("lesson-8", "room.white")):
-        record.say(said, f"{record.reference(chapter, said).value:.0f}")
+    record.quote("p1-training", "kf.taken.unit")
+    record.quote("recorded-data", "room.memory")
+    record.quote("lesson-8", "room.white")
     record.crossed("p1-training", "headline.kf-share")
     y = run.ins - run.network
     off = [run.distances(run.ins - x).mean() for x in (y, *map(by_gain, GAINS))]

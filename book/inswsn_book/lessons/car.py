@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from inswsn_book import record as book
 from inswsn_book.evidence.outage_cells import rebuild_outages, rebuild_recorded
-from inswsn_book.lessons.nodes import ellipse
-from inswsn_book.show.moving import Chart, Moving, Slider
+from inswsn_book.show.moving import Chart, Moving, Slider, ellipse
+from inswsn_lib.checks import Array
 from inswsn_lib.inertial import metres
 from inswsn_lib.navigation import (
     OutageTrials,
@@ -26,8 +26,6 @@ from inswsn_lib.papers import read_numbers
 from inswsn_lib.simulation import Drive
 from inswsn_lib.vehicle import FilterSettings, VehicleRun, VehicleState, position_error, replay, yaw
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.intp]
 Parts = tuple[Array, Array]  # of an error: along and across
 Said = dict[str, tuple[float, str, str]]  # numbers of the text: value, unit, and how it is made
 #: Positions (m) after each second, of a start turned by an angle, with a bias of the gyros
@@ -116,10 +114,8 @@ def show_drive(drive: Drive, told: FilterSettings, known: VehicleRun) -> dict[st
     middle, span = (road.max(axis=0) + road.min(axis=0)) / 2, np.ptp(road, axis=0) / 2 + 0.2
     span[0] = max(span[0], 1.7 * span[1])  # wider than high, or a phone has no room for it
     x, y = ((float(m - s), float(m + s)) for m, s in zip(middle, span, strict=True))
-    drawn = shown.chart(
-        "The drive: drag the outage along it", x="east (km)", y="north (km)", xlim=x, ylim=y,
-        equal=True,
-    )  # fmt: skip
+    axes = {"x": "east (km)", "y": "north (km)", "xlim": x, "ylim": y}
+    drawn = shown.chart("The drive: drag the outage along it", equal=True, **axes)
 
     def lost(a: str) -> Array:
         """Return where outages, one after the other, end more than 20 m off."""
@@ -132,33 +128,28 @@ def show_drive(drive: Drive, told: FilterSettings, known: VehicleRun) -> dict[st
     shown.draw(drawn, "ins", "", lambda k: road[k : k + LENGTH + 1 : 4].T)
     shown.draw(drawn, "ins", "outage", lambda k: road[[k + LENGTH // 2]].T, style="handle")
 
-    def at(a: str, k: int, part: int) -> Array:
-        return np.asarray(by_aids[a][part][:, order.index(k)])
-
     def bend(k: int) -> str:
         return f"{bends[order.index(k)]:.0f}°"
 
-    def draw(part: int, chart: Chart) -> None:
-        shown.draw(chart, "ins", "INS alone", lambda k: (t, at("none", k, part)[t]))
-        shown.draw(chart, "kalman", "aided", lambda k, a: (t, at(a, k, part)[t]))
+    def curve(part: int, a: str, k: int) -> Any:
+        return t, by_aids[a][part][t, order.index(k)]
 
     def ends(a: str, k: int) -> str:
-        return ", ".join(f"{abs(at(a, k, part)[-1]):.0f} m" for part in (0, 1))
+        return ", ".join(f"{abs(part[-1, order.index(k)]):.0f} m" for part in by_aids[a])
 
     for part, chart in enumerate(_along_and_across(shown, 100)):
-        draw(part, chart)
+        shown.draw(chart, "ins", "INS alone", partial(curve, part, "none"))
+        shown.draw(chart, "kalman", "aided", partial(curve, part))
     shown.number("truth", "the road turns by", bend)
     shown.number("computed", "INS alone: along, across", lambda k: ends("none", k))
     shown.number("computed", "aided: along, across", lambda k, a: ends(a, k))
-    shown.sentence(
-        lambda k, a: (
-            f"Satellites lost at {k} s, on a road that turns by {bend(k)}. Errors along and across "
-            f"it after {LENGTH} s: INS alone {ends('none', k)}; with aids ({a}) {ends(a, k)}."
-        )
-    )
+    shown.sentence(lambda k, a: (
+        f"Satellites lost at {k} s, on a road that turns by {bend(k)}. Errors along and across it "
+        f"after {LENGTH} s: INS alone {ends('none', k)}; with aids ({a}) {ends(a, k)}."
+    ))  # fmt: skip
     shown.show(
-        name="fig-l6-drive",
-        caption="Until the outage, both filters have satellites, compass and constraint. Dots on "
+        "fig-l6-drive",
+        "Until the outage, both filters have satellites, compass and constraint. Dots on "
         f"the road: outages that end more than {LOST} m off with the chosen aids.",
     )
     return by_aids
@@ -166,7 +157,7 @@ def show_drive(drive: Drive, told: FilterSettings, known: VehicleRun) -> dict[st
 
 def _along_and_across(shown: Moving, reach: float) -> list[Chart]:
     """Add a chart of errors along the road, and one of errors across it."""
-    axes = {"x": "time without satellites (s)", "y": "error (m)", "xlim": (0, LENGTH)}
+    axes = {"x": "time without satellites (s)", "xlim": (0, LENGTH)}
     names = "Error along the road", "Error across the road"
     return [shown.chart(name, ylim=(-reach, reach), **axes) for name in names]
 
@@ -202,8 +193,7 @@ def show_wrong_start(navigate: Navigate) -> None:
     def formula(w: str, s: int) -> Parts:
         return t, np.radians(s * wrong[w][0]) * wrong[w][2]
 
-    time = {"x": "time (s)", "xlim": (0, LENGTH)}
-    chart = shown.chart("Error of the INS", y="error (m)", ylim=(0, 25), **time)
+    chart = shown.chart("Error of the INS", xlim=(0, LENGTH), ylim=(0, 25))
     shown.draw(chart, "ins", "INS", lambda w, s: (t, off(w, s)), at=34)
     shown.draw(chart, "published", "formula", formula, at=26)
     shown.number("computed", "wrong", lambda w, s: f"{w} {size(w, s)}")
@@ -213,8 +203,8 @@ def show_wrong_start(navigate: Navigate) -> None:
         lambda w, s: f"A {w} of {size(w, s)} makes an error of {off(w, s)[-1]:.1f} m in {LENGTH} s."
     )
     shown.show(
-        name="fig-l6-wrong",
-        caption="The same samples, integrated from a correct start and from a wrong one. From "
+        "fig-l6-wrong",
+        "The same samples, integrated from a correct start and from a wrong one. From "
         "about 10 s on, the car brakes and turns.",
     )
 
@@ -228,10 +218,8 @@ def show_constraint(constrain: Constrain) -> None:
     shown = Moving(
         "What the constraint reveals", Slider("q", "the car turns by", angles, 0, "{:d}°")
     )
-    chart = shown.chart(
-        "Spread of the velocity error", x="east (m/s)", y="north (m/s)", xlim=(-2.3, 2.3),
-        ylim=(-1.15, 1.15), equal=True,
-    )  # fmt: skip
+    axes = {"x": "east (m/s)", "y": "north (m/s)", "xlim": (-2.3, 2.3), "ylim": (-1.15, 1.15)}
+    chart = shown.chart("Spread of the velocity error", equal=True, **axes)
     shown.draw(chart, "ins", "before", ellipse(circle, 1), at=20)
     shown.draw(chart, "constant", "one update, going north", ellipse(once, 1), at=15)
     shown.draw(chart, "kalman", "after the turn", lambda q: ellipse(twice[q], 1), at=50)
@@ -241,23 +229,21 @@ def show_constraint(constrain: Constrain) -> None:
 
     shown.number("constant", "one update, longest axis", f"{size(once):.2f} m/s")
     shown.number("kalman", "two updates, longest axis", lambda q: f"{size(twice[q]):.2f} m/s")
-    shown.sentence(
-        lambda q: (
-            f"After one update, the velocity is uncertain by {size(once):.2f} m/s along the road; "
-            f"after a turn by {q} degrees and a second update, by {size(twice[q]):.2f} m/s at most."
-        )
-    )
+    shown.sentence(lambda q: (
+        f"After one update, the velocity is uncertain by {size(once):.2f} m/s along the road; "
+        f"after a turn by {q} degrees and a second update, by {size(twice[q]):.2f} m/s at most."
+    ))  # fmt: skip
     shown.goal("half of the error is gone", lambda q: size(twice[q]) < 0.5)
     shown.show(
-        name="fig-l6-constraint",
-        caption="One standard deviation of the velocity error. The car drives north and uses the "
+        "fig-l6-constraint",
+        "One standard deviation of the velocity error. The car drives north and uses the "
         "constraint, then turns and uses it again.",
     )
 
 
 def show_bands(drive: Drive, known: VehicleRun, outage: Outage, starts: Mapping[str, int]) -> None:
     """Show errors along and across inside the bands of the filter by hand, by place and aids."""
-    t, true = np.arange(LENGTH + 1), drive.reference
+    t, true = np.arange(LENGTH + 1.0), drive.reference
     assert true.attitude is not None
     found = {}
     for place, k in starts.items():
@@ -276,29 +262,27 @@ def show_bands(drive: Drive, known: VehicleRun, outage: Outage, starts: Mapping[
         Slider("a", "aids", ["none", "constraint", "both"], "none", "{}"),
     )
 
-    def draw(part: int, chart: Chart) -> None:
-        def band(place: str, a: str) -> tuple[Integers, Array, Array]:
-            side = found[place, a][1][part]
-            return t, -side, side
+    def sides(part: int, place: str, a: str) -> tuple[Array, Array, Array]:
+        side = found[place, a][1][part]
+        return t, -side, side
 
-        shown.draw(chart, "kalman", "", band, style="band")
-        shown.draw(chart, "kalman", "error", lambda place, a: (t, found[place, a][0][part]))
+    def curve(part: int, place: str, a: str) -> Parts:
+        return t, found[place, a][0][part]
 
     def ends(place: str, a: str) -> str:
         return ", ".join(f"± {side[-1]:.0f} m" for side in found[place, a][1])
 
     for part, chart in enumerate(_along_and_across(shown, 80)):
-        draw(part, chart)
+        shown.draw(chart, "kalman", "", partial(sides, part), style="band")
+        shown.draw(chart, "kalman", "error", partial(curve, part))
     shown.number("computed", "band: along, across", ends)
-    shown.sentence(
-        lambda place, a: (
-            f"Road: {place}; aids: {a}. After {LENGTH} s, the bands along the road and across it "
-            f"are {ends(place, a)}."
-        )
-    )
+    shown.sentence(lambda place, a: (
+        f"Road: {place}; aids: {a}. After {LENGTH} s, the bands along the road and across it are "
+        f"{ends(place, a)}."
+    ))  # fmt: skip
     shown.show(
-        name="fig-l6-bands",
-        caption="The band is two standard deviations to either side, according to the filter "
+        "fig-l6-bands",
+        "The band is two standard deviations to either side, according to the filter "
         "above, which sees neither satellites nor the truth.",
     )
 
@@ -308,10 +292,8 @@ def show_turns(drive: Drive, by_aids: Mapping[str, Parts]) -> None:
     bends = turned(drive)
     off = {aids: np.hypot(*(part[-1] for part in both)) for aids, both in by_aids.items()}
     shown = Moving("Where the car gets lost", Slider("a", "aids", [*AIDS], "none", "{}"))
-    spread = shown.chart(
-        "All outages, after 40 s", x="the road turns by (degrees)", y="error (m)", xlim=(0, 180),
-        ylim=(0, 120),
-    )  # fmt: skip
+    axes = {"x": "the road turns by (degrees)", "xlim": (0, 180), "ylim": (0, 120)}
+    spread = shown.chart("All outages, after 40 s", **axes)
     shown.draw(spread, "kalman", "", lambda a: (np.minimum(bends, 180), off[a]), style="points")
     shown.draw(spread, "truth", f"{LOST} m", ([0, 180], [LOST, LOST]))
 
@@ -323,8 +305,8 @@ def show_turns(drive: Drive, by_aids: Mapping[str, Parts]) -> None:
     shown.number("computed", f"lost: above {LOST} m", lost)
     shown.sentence(lambda a: f"With aids ({a}), above {LOST} m after 40 s: {lost(a)}.")
     shown.show(
-        name="fig-l6-turns",
-        caption="Each dot is an outage. A road is called straight if the heading stays within "
+        "fig-l6-turns",
+        "Each dot is an outage. A road is called straight if the heading stays within "
         f"{STRAIGHT}°.",
     )
 
@@ -346,28 +328,24 @@ def show_learning(drive: Drive, trials: OutageTrials) -> Array:
         true[k] = (trials.positions["through"][: LENGTH + 1, 1, i, 0] - here) * east
         said[k] = trials.bridges["lssvm"].predicted[: LENGTH + 1, 0, i]
     shown = Moving("What the last outage teaches", Slider("k", "lost at", starts, 220, "{:d} s"))
-    errors = shown.chart(
-        "Error of the aided car, east", x="time (s); satellites are lost at 0", y="error (m)",
-        xlim=(-window, LENGTH), ylim=(-60, 60),
-    )  # fmt: skip
+    axes = {"x": "time (s); satellites are lost at 0", "xlim": (-window, LENGTH), "ylim": (-60, 60)}
+    errors = shown.chart("Error of the aided car, east", **axes)
     shown.draw(errors, "network", "rehearsed", lambda k: learned[k], style="points", at=0)
     shown.draw(errors, "kalman", "true", lambda k: (t, true[k]))
     shown.draw(errors, "lssvm", "predicted", lambda k: (t, said[k]))
-    off = {
-        (m, k): f"{rms(trials.errors[m][1 : LENGTH + 1, i]):.1f} m"
-        for m in ("through", "lssvm") for i, k in enumerate(starts)
-    }  # fmt: skip
-    shown.number("computed", "aided: RMS", lambda k: off["through", k])
-    shown.number("computed", "aided, learned: RMS", lambda k: off["lssvm", k])
-    shown.sentence(
-        lambda k: (
-            f"Satellites lost at {k} s: the root mean square error over 40 s is "
-            f"{off['through', k]} for the aided car, and {off['lssvm', k]} with the prediction."
-        )
-    )
+
+    def off(m: str, k: int) -> str:
+        return f"{rms(trials.errors[m][1 : LENGTH + 1, starts.index(k)]):.1f} m"
+
+    shown.number("computed", "aided: RMS", lambda k: off("through", k))
+    shown.number("computed", "aided, learned: RMS", lambda k: off("lssvm", k))
+    shown.sentence(lambda k: (
+        f"Satellites lost at {k} s: the root mean square error over 40 s is {off('through', k)} "
+        f"for the aided car, and {off('lssvm', k)} with the prediction."
+    ))  # fmt: skip
     shown.show(
-        name="fig-l6-learning",
-        caption="Dots: the error in outages that were rehearsed while there were satellites. The "
+        "fig-l6-learning",
+        "Dots: the error in outages that were rehearsed while there were satellites. The "
         "machine predicts the next outage from them.",
     )
     return np.array(played)
@@ -380,8 +358,8 @@ def show_recorded(trials: RecordedTrials) -> tuple[dict[str, tuple[Array, Array]
     range of the heading in an outage, degrees.
     """
     starts, t = [int(k) for k in trials.starts], np.arange(0, 51)
-    methods = {"never": ("ins", "INS alone"), "through": ("kalman", "aided")}
-    methods |= {"lssvm": ("lssvm", "aided, learned")}
+    labels = {"ins": "INS alone", "kalman": "aided", "lssvm": "aided, learned"}
+    methods = dict(zip(("never", "through", "lssvm"), labels, strict=True))
     found, bends = {}, []
     for i, k in enumerate(starts):
         path = trials.reference[k : k + 51]
@@ -390,31 +368,24 @@ def show_recorded(trials: RecordedTrials) -> tuple[dict[str, tuple[Array, Array]
         heading = np.arctan2(step[:, 0], step[:, 1])
         held = np.maximum.accumulate(np.where(moving, t, 0))  # as the compass holds it
         bends.append(np.degrees(np.ptp(np.unwrap(heading[held][: LENGTH + 1]))))
-        for m in methods:
-            found[m, k] = along_across(trials.tracks[m][:, :, i] - path, heading[held])
+        for name, m in methods.items():
+            error = trials.tracks[name][:, :, i] - path
+            found[m, k] = np.array(along_across(error, heading[held]))[:, : LENGTH + 1]
     shown = Moving("A recorded drive", Slider("k", "satellites lost at", starts, 120, "{:d} s"))
-    off = {(m, k): f"{rms(np.hypot(*found[m, k])[1 : LENGTH + 1]):.1f} m" for m, k in found}
-
-    def draw(m: str, stroke: str, label: str, part: int, chart: Chart) -> None:
-        curves = {k: (t[: LENGTH + 1], found[m, k][part][: LENGTH + 1]) for k in starts}
-        shown.draw(chart, stroke, label, lambda k: curves[k])
-        if part == 0:
-            shown.number(stroke, label, lambda k: off[m, k])
-
-    for part, chart in enumerate(_along_and_across(shown, 60)):
-        for m, (stroke, label) in methods.items():
-            draw(m, stroke, label, part, chart)
+    along, across = _along_and_across(shown, 60)
+    shown.draw_each(along, labels, lambda m, k: (t[: LENGTH + 1], found[m, k][0]))
+    shown.draw_each(across, labels, lambda m, k: (t[: LENGTH + 1], found[m, k][1]))
+    said = shown.number_each(labels, lambda m, k: f"{rms(np.hypot(*found[m, k])[1:]):.1f} m")
     shown.sentence(
-        lambda k: f"Satellites lost at {k} s: the root mean square error over 40 s is "
-        + ", ".join(f"{off[m, k]} ({label})" for m, (_, label) in methods.items()) + "."
-    )  # fmt: skip
+        lambda k: f"Satellites lost at {k} s: root mean square errors over 40 s: {said(k)}."
+    )
     shown.show(
-        name="fig-l6-recorded",
-        caption="The accelerometer and gyro data are recorded, and so is the path; fixes and "
+        "fig-l6-recorded",
+        "The accelerometer and gyro data are recorded, and so is the path; fixes and "
         "compass readings are made from the path by adding noise.",
     )
-    ends = {m: np.array([[part[LENGTH] for part in found[m, k]] for k in starts]) for m in methods}
-    return {m: (ends[m][:, 0], ends[m][:, 1]) for m in methods}, float(min(bends))
+    ends = {n: np.array([found[m, k][:, LENGTH] for k in starts]).T for n, m in methods.items()}
+    return {name: (along, across) for name, (along, across) in ends.items()}, float(min(bends))
 
 
 def _numbers(
@@ -545,12 +516,12 @@ def hold(
         "factor.through-never", "factor.until-never", "methods.lssvm",
         "recorded.factor.through-never", "recorded.factor.lssvm",
     ):  # fmt: skip
-        record.say(name, f"{record.reference('p3-vehicle', name).value:.2f}")
+        record.quote("p3-vehicle", name, ".2f")
     for said_as, name in (
         ("proven", "proven.none"), ("constraint", "ladder.share.constraint-of-aids"),
         ("recorded.constraint", "recorded.ladder.share.constraint-of-aids"),
     ):  # fmt: skip
-        record.say(said_as, f"{100 * record.reference('p3-vehicle', name).value:.0f}")
+        record.quote("p3-vehicle", name, short=said_as, unit=0.01)
     straight = turned(drive) < STRAIGHT
     ends = {aids: (along[-1], across[-1]) for aids, (along, across) in by_aids.items()}
     said = _numbers(straight, ends, navigate, in_town, least)

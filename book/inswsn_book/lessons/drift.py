@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inswsn_book import record as book
-from inswsn_book.show.moving import Moving, Slider
+from inswsn_book.show.moving import Moving, Slider, ellipse
+from inswsn_lib.checks import Array
 from inswsn_lib.navigation import ExampleDrive
 
-Array = NDArray[np.float64]
 #: Positions (samples, 2) of specific forces and turn rates, or one of nodes (n, 2) and ranges (n,)
 Locate = Callable[[Array, Array], Array]
 
@@ -32,7 +31,7 @@ def show_drive(drive: ExampleDrive) -> None:
     """Show the drive on the map: the true path, the INS, and the fixes of the network."""
     times = [*range(7, 93, 3)]
     shown = Moving("A drive", Slider("t", "time", times, 37, "{:d} s", plays=True))
-    chart = shown.chart("Map", x="x (m)", y="y (m)", xlim=(60, 700), ylim=(-40, 440), equal=True)
+    chart = shown.map("Map", xlim=(60, 700), ylim=(-40, 440))
 
     def until(track: Array, t: float) -> Array:
         return track[: int(t / drive.period) + 1 : 5].T
@@ -51,8 +50,8 @@ def show_drive(drive: ExampleDrive) -> None:
         lambda t: f"After {t} s, the error of the INS is {at[t]:.1f} m, that of a fix {fix:.2f} m."
     )
     shown.show(
-        name="fig-l1-drive",
-        caption="Drag the vehicle, or play the drive. The INS works along the whole path and "
+        "fig-l1-drive",
+        "Drag the vehicle, or play the drive. The INS works along the whole path and "
         "drifts. The network covers only two areas, but its fixes do not drift.",
     )
 
@@ -70,7 +69,7 @@ def show_biases(drive: ExampleDrive, navigate: Locate) -> None:
         for g in BIASES
         for a in TILTS
     }
-    chart = shown.chart("Position error", x="time (s)", y="error (m)", xlim=(0, 93), ylim=(0, 300))
+    chart = shown.chart("Position error", xlim=(0, 93), ylim=(0, 300))
     shown.draw(chart, "ins", "INS", lambda g, a: (drive.time[::5], found[g, a][::5]), at=12)
 
     def said(g: float, a: float) -> str:
@@ -79,8 +78,8 @@ def show_biases(drive: ExampleDrive, navigate: Locate) -> None:
     shown.number("ins", "error", said)
     shown.sentence(lambda g, a: f"With these biases, the error is {said(g, a)}.")
     shown.show(
-        name="fig-l1-biases",
-        caption="With an accelerometer bias, the error grows as the square of time from the "
+        "fig-l1-biases",
+        "With an accelerometer bias, the error grows as the square of time from the "
         "start. A gyro bias has no effect on the straight; its effect begins in the first turn.",
     )
 
@@ -91,7 +90,7 @@ def show_walks(time: Array, walks: dict[str, Array], sizes: dict[str, Array]) ->
 
     def add(name: str, unit: str) -> None:
         found, size, end = walks[name][:, ::10], sizes[name][::10], 3 * float(sizes[name][-1])
-        axes = {"x": "time (s)", "y": f"error ({unit})", "xlim": (0, 93), "ylim": (-end, end)}
+        axes = {"y": f"error ({unit})", "xlim": (0, 93), "ylim": (-end, end)}
         chart = shown.chart(f"Error of the {name}", **axes)
         shown.draw(chart, "ins", "", (time[::10], -size, size), style="band")
         shown.draw(chart, "ins", "", lambda n: (time[::10], found[n - 1]))
@@ -102,8 +101,8 @@ def show_walks(time: Array, walks: dict[str, Array], sizes: dict[str, Array]) ->
     ends = walks["position"][:, -1]
     shown.sentence(lambda n: f"In run {n}, the position error in the end is {ends[n - 1]:.1f} m.")
     shown.show(
-        name="fig-l1-walks",
-        caption="White noise of the accelerometers alone. The bands are one standard deviation: "
+        "fig-l1-walks",
+        "White noise of the accelerometers alone. The bands are one standard deviation: "
         "they grow as the time to the powers 0.5 and 1.5.",
     )
 
@@ -119,8 +118,7 @@ def show_fix(nodes_at: Callable[[float], Array], locate: Locate, rng: np.random.
     # U'U is diagonal: along the first node, and across
     sigma = {a: np.linalg.inv(nodes_at(a).T @ nodes_at(a) / 100).diagonal() ** 0.5 for a in angles}
     dilution = {a: float(np.hypot(*sigma[a])) for a in angles}
-    circle = np.array([[np.cos(turn), np.sin(turn)] for turn in np.linspace(0, 2 * np.pi, 49)]).T
-    chart = shown.chart("Map", x="x (m)", y="y (m)", xlim=(-14, 14), ylim=(-10, 10), equal=True)
+    chart = shown.map("Map", xlim=(-14, 14), ylim=(-10, 10))
     shown.draw(
         chart, "published", "", lambda a, s: (*nodes_at(a).T, 10 + s * noise[0]), style="circle"
     )
@@ -132,7 +130,7 @@ def show_fix(nodes_at: Callable[[float], Array], locate: Locate, rng: np.random.
         return np.array([locate(nodes_at(a), 10 + s * draw) for draw in noise]).T
 
     shown.draw(chart, "network", "", fixes, style="points")
-    shown.draw(chart, "kalman", "", lambda a, s: 2 * s * sigma[a][:, None] * circle)
+    shown.draw(chart, "kalman", "", lambda a, s: s * ellipse(np.diag(sigma[a] ** 2)))
 
     def said(a: float, s: float) -> str:
         return f"{s * sigma[a][0]:.2f} m and {s * sigma[a][1]:.2f} m"
@@ -144,8 +142,8 @@ def show_fix(nodes_at: Callable[[float], Array], locate: Locate, rng: np.random.
         lambda a, s: f"With nodes {a}° apart, the standard deviations in x and y are {said(a, s)}."
     )
     shown.show(
-        name="fig-l1-fix",
-        caption="Drag a node. Each measured range is a circle, and the circles nearly meet at the "
+        "fig-l1-fix",
+        "Drag a node. Each measured range is a circle, and the circles nearly meet at the "
         "vehicle. The dots are sixty fixes; about 86 % lie in the ellipse of 2σ.",
     )
 

@@ -7,18 +7,16 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inswsn_book import record as book
-from inswsn_book.show.moving import Moving, Slider
+from inswsn_book.show.moving import Moving, Slider, ellipse
+from inswsn_lib.checks import Array
 from inswsn_lib.evaluation import mean_bounds, normalised_squares
 from inswsn_lib.filters import federated_covariance, patterns_of, run_kalman
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation import ClusterFusion, ExampleRun
 from inswsn_lib.papers import read_numbers
 from inswsn_lib.scenario import Setting, load_scenario
-
-Array = NDArray[np.float64]
 
 FACTORS = (1, 1.5, 2, 3, 4, 6, 8, 12, 16)
 DRIFTS = (0.001, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # variance of a step over that of a fix
@@ -99,10 +97,8 @@ def show_band(run: ExampleRun, fixes: Array) -> None:
             return "overconfident"
         return "too cautious" if square(n, f) < low else "fits"
 
-    chart = shown.chart(
-        "Error of the fused velocity in x", x="time (s)", y="error (m/s)", xlim=(0, 20),
-        ylim=(-0.25, 0.25),
-    )  # fmt: skip
+    axes = {"x": "time (s)", "y": "error (m/s)", "xlim": (0, 20), "ylim": (-0.25, 0.25)}
+    chart = shown.chart("Error of the fused velocity in x", **axes)
     shown.draw(
         chart, "independent", "", lambda n, f: (run.time, -band(n, f), band(n, f)), style="band"
     )
@@ -120,15 +116,13 @@ def show_band(run: ExampleRun, fixes: Array) -> None:
         f"the claim of {numbers[-1]} clusters fits",
         lambda n, f: n == numbers[-1] and verdict(n, f) == "fits",
     )
-    shown.sentence(
-        lambda n, f: (
-            f"With {_count(n)} and {f:g} times Q, the fused velocity is inside its band "
-            f"{inside(n, f)}; the mean NEES is {consistency(n, f)}."
-        )
-    )
+    shown.sentence(lambda n, f: (
+        f"With {_count(n)} and {f:g} times Q, the fused velocity is inside its band "
+        f"{inside(n, f)}; the mean NEES is {consistency(n, f)}."
+    ))  # fmt: skip
     shown.show(
-        name="fig-l5-band",
-        caption="The error of the mean of all clusters, and the band of two standard "
+        "fig-l5-band",
+        "The error of the mean of all clusters, and the band of two standard "
         "deviations that it would have if the errors of the clusters were independent.",
     )
 
@@ -141,13 +135,6 @@ def settled(drift: float, noise: float = 1.0) -> tuple[float, float, float]:
     M = (drift + (drift**2 + 4 * drift * noise) ** 0.5) / 2
     K = M / (M + noise)
     return K, K * noise, (1 - K) ** 2 * drift / (1 - (1 - K) ** 2)
-
-
-def ellipse(covariance: Any, sigmas: float = 2.0) -> tuple[Array, Array]:
-    """Return a closed line so many standard deviations about zero, by a covariance (2, 2)."""
-    angle = np.linspace(0, 2 * np.pi, 73)
-    x, y = sigmas * np.linalg.cholesky(covariance) @ [np.cos(angle), np.sin(angle)]
-    return x, y
 
 
 def show_cloud(*, start: float = 0.1, points: int = 250) -> None:
@@ -165,30 +152,28 @@ def show_cloud(*, start: float = 0.1, points: int = 250) -> None:
     shown = Moving(
         "Two clusters, one drift", Slider("q", "drift / noise variance", [*DRIFTS], start, "{:g}")
     )
-    chart = shown.chart(
-        "Errors after a fix (unit: noise of a fix)",
-        x="error of cluster A", y="error of cluster B", xlim=(-3, 3), ylim=(-2.2, 2.2), equal=True,
-    )  # fmt: skip
+    axes = {"x": "error of cluster A", "y": "error of cluster B", "equal": True}
+    title = "Errors after a fix (unit: noise of a fix)"
+    chart = shown.chart(title, xlim=(-3, 3), ylim=(-2.2, 2.2), **axes)
     shown.draw(chart, "truth", "", errors, style="points")
 
-    def shape(q: float, share: float) -> tuple[Array, Array]:
+    def shape(q: float, share: float) -> Array:
         _, P, C = settled(q)
         return ellipse([[P, share * C], [share * C, P]])
 
     shown.draw(chart, "independent", "if independent", lambda q: shape(q, 0), at=63)
     shown.draw(chart, "correlated", "by the formula", lambda q: shape(q, 1), at=9)
     shown.number("computed", "gain K", lambda q: f"{settled(q)[0]:.2f}")
-    shown.number("correlated", "correlation", lambda q: f"{settled(q)[2] / settled(q)[1]:.2f}")
+    correlation = {q: f"{settled(q)[2] / settled(q)[1]:.2f}" for q in DRIFTS}
+    shown.number("correlated", "correlation", lambda q: correlation[q])
     shown.number("truth", "of these points", lambda q: f"{np.corrcoef(*errors(q))[0, 1]:.2f}")
-    shown.sentence(
-        lambda q: (
-            f"With a drift of {q:g} times the variance of a fix, the errors of two clusters have "
-            f"a correlation of {settled(q)[2] / settled(q)[1]:.2f}."
-        )
-    )
+    shown.sentence(lambda q: (
+        f"With a drift of {q:g} times the variance of a fix, the errors of two clusters have a "
+        f"correlation of {correlation[q]}."
+    ))  # fmt: skip
     shown.show(
-        name="fig-l5-cloud",
-        caption="Each point is a run: the error of one cluster against that of the other. The "
+        "fig-l5-cloud",
+        "Each point is a run: the error of one cluster against that of the other. The "
         "less the INS drifts, the longer the filters remember, and the more similar their errors.",
     )
 
@@ -199,28 +184,23 @@ def _by_clusters(
 ) -> Moving:  # fmt: skip
     """Return a figure of some sizes over the number of clusters, by a slider named q.
 
-    By their labels, each has a method and a function of q and of the number; the first is what is
+    By their methods, each has a label and a function of q and of the number; the first is what is
     claimed, and the second what is true of it.
     """
     numbers = [*range(1, MOST + 1)]
     shown = Moving(title, slider, Slider("n", "clusters", numbers, 3, "{:d}"))
     chart = shown.chart(what, x="clusters", y="size", xlim=(1, MOST), ylim=(0, top))
+    labels = {method: label for method, (label, _) in curves.items()}
+    short = {method: label.partition(": ")[2] for method, label in labels.items()}
 
-    def add(label: str, method: str, of: Callable[[float, int], float]) -> None:
-        short = label.partition(":")[2].strip() or label
-        shown.draw(chart, method, short, lambda q: (numbers, [of(q, n) for n in numbers]))
-        shown.number(method, label, lambda q, n: f"{of(q, n):.2f}")
+    def curve(method: str, q: float) -> tuple[list[int], list[float]]:
+        return numbers, [curves[method][1](q, n) for n in numbers]
 
-    for label, (method, of) in curves.items():
-        add(label, method, of)
+    shown.draw_each(chart, short, curve)
+    said = shown.number_each(labels, lambda m, q, n: f"{curves[m][1](q, n):.2f}")
     (_, claimed), (_, true), *_ = curves.values()
     shown.draw(chart, "truth", "", lambda q, n: ([n, n], [claimed(q, n), true(q, n)]))
-    shown.sentence(
-        lambda q, n: (
-            f"{_count(n)}, {slider.label} {q:g}: "
-            + ", ".join(f"{label} {of(q, n):.2f}" for label, (_, of) in curves.items()) + "."
-        )
-    )  # fmt: skip
+    shown.sentence(lambda q, n: f"{_count(n)}, {slider.label} {q:g}: {said(q, n)}.")
     return shown
 
 
@@ -235,13 +215,13 @@ def show_many(*, start: float = 1.0) -> None:
         "More clusters, the same drift", "Size of the error (unit: noise of a fix)",
         Slider("q", "drift / noise variance", [*DRIFTS], start, "{:g}"), 1.0,
         {
-            "mean: claimed": ("independent", lambda q, n: (settled(q)[1] / n) ** 0.5),
-            "mean: true": ("correlated", true),
-            "one filter: all fixes": ("kalman", lambda q, n: settled(q, 1 / n)[1] ** 0.5),
+            "independent": ("mean: claimed", lambda q, n: (settled(q)[1] / n) ** 0.5),
+            "correlated": ("mean: true", true),
+            "kalman": ("one filter: all fixes", lambda q, n: settled(q, 1 / n)[1] ** 0.5),
         },
     ).show(
-        name="fig-l5-many",
-        caption="The claimed error falls with the square root of the number of clusters. The true "
+        "fig-l5-many",
+        "The claimed error falls with the square root of the number of clusters. The true "
         "error levels off at what the clusters have in common.",
     )  # fmt: skip
 
@@ -272,17 +252,13 @@ def show_factor(*, drift: float = 0.1) -> None:
         Slider("r", "reset", ["none", "each step"], "each step", "{}"),
     )
 
-    @cache
-    def found(f: float, n: int, r: str) -> tuple[float, float]:
-        return with_factor(f, n, drift, reset=r != "none")
-
+    found = cache(lambda f, n, r: with_factor(f, n, drift, reset=r != "none"))
     curves = cache(lambda n, r: np.array([found(one, n, r) for one in f]).T)
-    chart = shown.chart(
-        "Size of the fused error (unit: noise of a fix)", x="factor", y="error", xlim=(1, 12),
-        ylim=(0, 0.7),
-    )  # fmt: skip
-    shown.draw(chart, "independent", "claimed", lambda n, r: (f, curves(n, r)[0]))
-    shown.draw(chart, "federated", "true", lambda n, r: (f, curves(n, r)[1]))
+    axes = {"x": "factor", "y": "error", "xlim": (1, 12), "ylim": (0, 0.7)}
+    chart = shown.chart("Size of the fused error (unit: noise of a fix)", **axes)
+    labels = {"independent": "claimed", "federated": "true"}
+    row = {method: i for i, method in enumerate(labels)}
+    shown.draw_each(chart, labels, lambda m, n, r: (f, curves(n, r)[row[m]]))
 
     def below(n: int, r: str) -> tuple[Array, Array, Array]:
         says, true = curves(n, r)
@@ -298,19 +274,16 @@ def show_factor(*, drift: float = 0.1) -> None:
     shown.draw(chart, "truth", "", lambda f, n, r: ([f, f], found(f, n, r)))
     least = {n: settled(drift, 1 / n)[1] ** 0.5 for n in counts}
     shown.number("computed", "the claim is", verdict)
-    shown.number("independent", "claimed", lambda f, n, r: f"{found(f, n, r)[0]:.3f}")
-    shown.number("federated", "true", lambda f, n, r: f"{found(f, n, r)[1]:.3f}")
+    said = shown.number_each(labels, lambda m, f, n, r: f"{found(f, n, r)[row[m]]:.3f}")
     shown.number("computed", "one filter, all fixes", lambda n: f"{least[n]:.3f}")
     shown.goal("the claim is right", lambda f, n, r: verdict(f, n, r) == "right")
-    shown.sentence(
-        lambda f, n, r: (
-            f"{n} clusters, factor {f}, reset: {r}. The claimed error is {found(f, n, r)[0]:.3f}, "
-            f"the true one {found(f, n, r)[1]:.3f}; one filter of all fixes has {least[n]:.3f}."
-        )
-    )
+    shown.sentence(lambda f, n, r: (
+        f"{n} clusters, factor {f}, reset: {r}. Errors: {said(f, n, r)}; one filter of all fixes: "
+        f"{least[n]:.3f}."
+    ))  # fmt: skip
     shown.show(
-        name="fig-l5-factor",
-        caption=f"Drift {drift:g}. In the band the fusion is overconfident. The two curves cross "
+        "fig-l5-factor",
+        f"Drift {drift:g}. In the band the fusion is overconfident. The two curves cross "
         "where the true error is smallest.",
     )
 
@@ -322,9 +295,8 @@ def show_weights() -> None:
         Slider("r", "correlation", [round(0.1 * k, 1) for k in range(9)], 0.5, "{:g}"),
         Slider("s", "error of B over that of A", [1.0, 1.25, 1.5, 2.0], 1.5, "{:g}"),
     )
-    joint = shown.chart(
-        "Joint error", x="error of A", y="error of B", xlim=(-3, 3), ylim=(-2, 2), equal=True
-    )
+    axes: dict[str, Any] = {"x": "error of A", "y": "error of B", "xlim": (-3, 3), "ylim": (-2, 2)}
+    joint = shown.chart("Joint error", equal=True, **axes)
     shown.draw(joint, "independent", "", lambda s: ellipse([[1, 0], [0, s**2]], 1))
     shown.draw(joint, "correlated", "", lambda r, s: ellipse([[1, r * s], [r * s, s**2]], 1))
     m = np.linspace(0, 1.5, 76)
@@ -335,33 +307,27 @@ def show_weights() -> None:
     def best(r: float, s: float) -> float:
         return (s**2 - r * s) / (1 + s**2 - 2 * r * s)
 
-    def line(m: Any, r: float, s: float) -> tuple[Any, Any]:
-        return m, size(m, r, s)
+    def least(r: float, s: float) -> tuple[list[float], list[float]]:
+        return [best(r, s)], [size(best(r, s), r, s)]
 
-    chart = shown.chart(
-        "Size of the blended error", x="weight of A", y="error", xlim=(0, 1.5), ylim=(0.4, 2.1)
-    )
-    shown.draw(chart, "independent", "claimed", lambda s: line(m, 0, s), at=30)
-    shown.draw(chart, "correlated", "true", lambda r, s: line(m, r, s), at=40)
-    shown.draw(
-        chart, "correlated", "", lambda r, s: line(np.array([best(r, s)]), r, s), style="points"
-    )
+    axes = {"x": "weight of A", "y": "error", "xlim": (0, 1.5), "ylim": (0.4, 2.1)}
+    chart = shown.chart("Size of the blended error", **axes)
+    shown.draw(chart, "independent", "claimed", lambda s: (m, size(m, 0, s)), at=30)
+    shown.draw(chart, "correlated", "true", lambda r, s: (m, size(m, r, s)), at=40)
+    shown.draw(chart, "correlated", "", least, style="points")
     shown.number("computed", "if independent, weight of A", lambda s: f"{best(0, s):.2f}")
     claims = cache(lambda r, s: f"{size(best(0, s), 0, s):.2f}, {size(best(0, s), r, s):.2f}")
     shown.number("computed", "its error: claimed, true", claims)
     found = cache(lambda r, s: f"{best(r, s):.2f}, {size(best(r, s), r, s):.2f}")
     shown.number("correlated", "best weight of A, its error", found)
     shown.goal("B is subtracted", lambda r, s: best(r, s) > 1)
-    shown.sentence(
-        lambda r, s: (
-            f"Correlation {r:g}, error of B {s:g} times that of A: the best weight of A and the "
-            f"blended error are {found(r, s)}. As if independent, the weight is {best(0, s):.2f}; "
-            f"the claimed error and the true one are {claims(r, s)}."
-        )
-    )
+    shown.sentence(lambda r, s: (
+        f"Correlation {r:g}, error of B {s:g} times that of A: the best weight of A and the "
+        f"blended error are {found(r, s)}. As if independent, the weight is {best(0, s):.2f}; the "
+        f"claimed error and the true one are {claims(r, s)}."
+    ))  # fmt: skip
     shown.show(
-        name="fig-l5-weights",
-        caption="The dot is the best weight. Left of 1, both weights are positive.",
+        "fig-l5-weights", "The dot is the best weight. Left of 1, both weights are positive."
     )
 
 
@@ -371,12 +337,12 @@ def show_promise() -> None:
         "A promise that improves with every cluster", "Worst-case gain of the fusion",
         Slider("q", "noise of a fix / drift", [0.5, 1.0, 2.0, 4.0], 1.0, "{:g}"), 4.2,
         {
-            "gain: promised": ("independent", lambda q, n: ((1 + q**2) / n) ** 0.5),
-            "gain: true": ("distributed", lambda q, n: (1 + q**2 / n) ** 0.5),
+            "independent": ("gain: promised", lambda q, n: ((1 + q**2) / n) ** 0.5),
+            "distributed": ("gain: true", lambda q, n: (1 + q**2 / n) ** 0.5),
         },
     ).show(
-        name="fig-l5-promise",
-        caption="Identical clusters, each with a filter of gain 1. The promise keeps falling; "
+        "fig-l5-promise",
+        "Identical clusters, each with a filter of gain 1. The promise keeps falling; "
         "the true gain levels off at 1, which is due to the drift.",
     )  # fmt: skip
 
@@ -413,16 +379,14 @@ def show_reductions(
         Slider("f", "federated assumes", [*ACCELERATIONS["fkf"]], first, "{:g} m/s²"),
         Slider("d", "distributed assumes", [*ACCELERATIONS["dhf"]], first, "{:g} m/s²"),
     )
-    chart = shown.chart(
-        "Reduction of the federated filter's error",
-        x="1, 2: position; 3, 4: velocity", y="%", xlim=(0.4, 4.6),
-        ylim=(-200, 100),
-    )  # fmt: skip
+    axes: dict[str, Any] = {"x": "1, 2: position; 3, 4: velocity", "y": "%", "xlim": (0.4, 4.6)}
+    chart = shown.chart("Reduction of the federated filter's error", ylim=(-200, 100), **axes)
     places = np.arange(1.0, 5.0)
-    shown.draw(
-        chart, "distributed", "here", lambda f, d: (places, less(f, d).clip(-200)), style="bars",
-        at=0,
-    )  # fmt: skip
+
+    def bars(f: float, d: float) -> tuple[Array, Array]:
+        return places, less(f, d).clip(-200)
+
+    shown.draw(chart, "distributed", "here", bars, style="bars", at=0)
     for place, name in zip(places, COMPONENTS, strict=True):
         told = float(printed[name]["vs_fkf"])
         label = "P2" if place == places[-1] else ""
@@ -434,16 +398,14 @@ def show_reductions(
 
     shown.number("computed", "position, x and y", lambda f, d: words(f, d, slice(0, 2)))
     shown.number("computed", "velocity, x and y", lambda f, d: words(f, d, slice(2, 4)))
-    shown.sentence(
-        lambda f, d: (
-            f"With {f:g} m/s² in the federated and {d:g} m/s² in the distributed filter, the "
-            f"latter reduces position errors by {words(f, d, slice(0, 2))} and velocity errors by "
-            f"{words(f, d, slice(2, 4))}."
-        )
-    )
+    shown.sentence(lambda f, d: (
+        f"With {f:g} m/s² in the federated and {d:g} m/s² in the distributed filter, the latter "
+        f"reduces position errors by {words(f, d, slice(0, 2))} and velocity errors by "
+        f"{words(f, d, slice(2, 4))}."
+    ))  # fmt: skip
     shown.show(
-        name="fig-l5-reductions",
-        caption="Bars: P2's scenario, simulated here; below 0, the federated filter is better. "
+        "fig-l5-reductions",
+        "Bars: P2's scenario, simulated here; below 0, the federated filter is better. "
         "Dashes: the numbers that P2 prints.",
     )
     return off
@@ -506,10 +468,9 @@ def hold(
     for name in ("position", "velocity"):
         record.say(f"p2.{name}", printed["abstract"][f"{name}_vs_fkf"])
         record.crossed("p2-fusion", f"fair.dhf-over-fkf.{name}", ".2f")
-        ratio = record.reference("p2-fusion", f"fair.dhf-over-fkf.{name}").value
-        record.say(f"fair.{name}", f"{ratio:.4f}")
+        record.quote("p2-fusion", f"fair.dhf-over-fkf.{name}", ".4f", f"fair.{name}")
     for name in ("theorem.free-scene", "theorem.true-scene", "search.pairings"):
-        record.say(name, f"{record.reference('p2-fusion', name).value:.4f}")
+        record.quote("p2-fusion", name, ".4f")
     back, alone = with_factor(1, 3, 0.1, reset=True)[1], settled(0.1)[1] ** 0.5
     record.note("reset.naive", back, "1", "Size of the error, three clusters, drift 0.1.")
     record.note("alone", alone, "1", "The same, one cluster.")

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inswsn_book.record import ChapterRecord
 from inswsn_book.show.moving import Chart, Moving, Slider
+from inswsn_lib.checks import Array
 from inswsn_lib.navigation.bridged_outages import Passage
 from inswsn_lib.papers import read_rows
 
 if TYPE_CHECKING:
     from inswsn_lib.navigation import BridgedOutages
 
-Array = NDArray[np.float64]
 #: What a trained machine answers to inputs
 Answer = Callable[[Array], Array]
 #: Training: inputs, targets, width and regularisation in, the trained machine out
@@ -40,6 +39,10 @@ _SCENE = ("seed", "outage_samples", "range_noise", "inertial_scale", "correlatio
 #: What is left of the error of the INS on equal terms, by the names of the evidence
 _FAIR = ("fair.ls-svm.motion", "fair.kalman-filter-coasting.state")
 
+#: The axes of errors in an outage
+SINCE: dict[str, Any] = {
+    "title": "Distance from the true position", "x": "time since the loss (s)", "xlim": (0, 10),
+}  # fmt: skip
 WIDTHS = [
     *(0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 50.0),
     *(100.0, 200.0, 500.0, 1e3, 2e3, 5e3, 1e4),
@@ -89,19 +92,13 @@ def show_turn(drives: Mapping[float, Passage]) -> None:
         Slider("b", "network lost at", begins, 20.0, "{:g} s", plays=True),
         Slider("share", "error of the heading, times", shares, 1.0, "{:g}"),
     )
-    drawn = shown.chart(
-        "The map: drag the outage along it", x="x (m)", y="y (m)", xlim=(350, 530), ylim=(10, 130),
-        equal=True,
-    )  # fmt: skip
+    drawn = shown.map("The map: drag the outage along it", xlim=(350, 530), ylim=(10, 130))
     shown.draw(drawn, "truth", "true", true.T, at=60)
     shown.draw(
         drawn, "ins", "INS", lambda b, share: (true[_after(t, b, longest)] + left(b, share)).T
     )
     shown.draw(drawn, "ins", "", lambda b: true[_after(t, b, 1)].T, style="handle")
-    chart = shown.chart(
-        "Distance from the true position", x="time since the loss (s)", y="error (m)",
-        xlim=(0, 10), ylim=(0, 60),
-    )  # fmt: skip
+    chart = shown.chart(ylim=(0, 60), **SINCE)
     shown.draw(chart, "ins", "INS", lambda b, share: (since, distances(left(b, share))))
     mean = cache(lambda b, share: f"{off(left(b, share)):.1f} m")
     shown.number("truth", "the road turns by", lambda b: f"{bends[b]:.0f}°")
@@ -116,8 +113,8 @@ def show_turn(drives: Mapping[float, Passage]) -> None:
         f"{mean(b, share)}."
     ))  # fmt: skip
     shown.show(
-        name="fig-l4-turn",
-        caption="When the network is lost, the INS is set to the last fix, and goes on alone.",
+        "fig-l4-turn",
+        "When the network is lost, the INS is set to the last fix, and goes on alone.",
     )
 
 
@@ -137,6 +134,10 @@ def show_kernels(machine: Machine) -> None:
         Slider("s", "width σ", widths, 0.2, "{:g}"),
         Slider("n", "regularisation η", STRENGTHS, 100.0, "{:,.0f}"),
     )
+
+    def bell(at: float, s: float) -> tuple[Array, Array]:
+        return x, np.exp(-((x - at) ** 2) / (2 * s**2))
+
     axes = {"x": "input u", "xlim": (-4, 9)}
     answers = shown.chart("The answer f(u)", y="f(u)", ylim=(-1, 3), **axes)
     found = {(s, n): machine(U, Y, s, n) for s in widths for n in STRENGTHS}
@@ -146,7 +147,7 @@ def show_kernels(machine: Machine) -> None:
     shown.draw(answers, "network", "", (U[:, 0], Y[:, 0]), style="points")
     alike = shown.chart("How alike u is to each sample", y="k(u, uᵢ)", ylim=(0, 1.25), **axes)
     for at in U[:, 0]:
-        shown.draw(alike, "network", "", _bell(x, float(at)))
+        shown.draw(alike, "network", "", partial(bell, at))
     missed = {key: float(abs(answer(U) - Y).mean()) for key, answer in found.items()}
     ahead = {key: float(answer(np.array([[8.0]]))[0, 0]) for key, answer in found.items()}
     shown.number("computed", "mean error at the samples", lambda s, n: f"{missed[s, n]:.3f}")
@@ -157,15 +158,10 @@ def show_kernels(machine: Machine) -> None:
         f"samples is {middle:.2f}."
     ))  # fmt: skip
     shown.show(
-        name="fig-l4-kernels",
-        caption="Five samples. The lower chart shows their kernels, the upper one the answer: a "
+        "fig-l4-kernels",
+        "Five samples. The lower chart shows their kernels, the upper one the answer: a "
         "weighted sum of the kernels plus a constant.",
     )
-
-
-def _bell(x: Array, at: float) -> Callable[[float], tuple[Array, Array]]:
-    """Return the kernel of a sample, by its width, as `Moving.draw` wants it."""
-    return lambda s: (x, np.exp(-((x - at) ** 2) / (2 * s**2)))
 
 
 def show_widths(drive: Passage, machine: Machine) -> None:
@@ -181,16 +177,12 @@ def show_widths(drive: Passage, machine: Machine) -> None:
         Slider("s", "width of the kernel", WIDTHS, 100.0, "{:,g} s"),
         Slider("n", "regularisation η", STRENGTHS, 1e3, "{:,.0f}"),
     )
-    learned = shown.chart(
-        "Position error of the INS in y", x="time (s)", y="error (m)", xlim=(0, 30), ylim=(-20, 45)
-    )
+    learned = shown.chart("Position error of the INS in y", xlim=(0, 30), ylim=(-20, 45))
     shown.draw(learned, "network", "", (t[:heard:4], y[::4, 1]), style="points")
     shown.draw(learned, "ins", "true", (t, error[:, 1]))
     shown.draw(learned, "lssvm", "learned", lambda s, n: (t, said[s, n][:, 1]))
-    chart = shown.chart(
-        "Mean distance, by the width", x="width of the kernel (s), as a power of ten",
-        y="error (m)", xlim=(-1.1, 4.1), ylim=(0, 30),
-    )  # fmt: skip
+    axes = {"x": "width of the kernel (s), as a power of ten", "xlim": (-1.1, 4.1)}
+    chart = shown.chart("Mean distance, by the width", ylim=(0, 30), **axes)
     _by_width(shown, chart, WIDTHS, {"in training": train, "in the outage": bridged})
     middle, ins = off((error - y.mean(axis=0))[heard:]), off(error[heard:])
     for method, label, level in (("published", "mean", middle), ("ins", "INS alone", ins)):
@@ -203,8 +195,8 @@ def show_widths(drive: Passage, machine: Machine) -> None:
         f"of the mean is {middle:.1f} m and that of the INS {ins:.1f} m."
     ))  # fmt: skip
     shown.show(
-        name="fig-l4-widths",
-        caption="Until 20 s the machine sees how much the two instruments differ (dots). After "
+        "fig-l4-widths",
+        "Until 20 s the machine sees how much the two instruments differ (dots). After "
         "that it has only the clock, and what it has learned.",
     )
 
@@ -227,10 +219,8 @@ def show_rehearsal(drive: Passage, bridge: Bridge) -> None:
         Slider("n", "input", kinds, "motion", "{}"),
         Slider("s", "width (deviations)", widths, 0.1, "{:,.3g}"),
     )
-    chart = shown.chart(
-        "Mean distance, by the width", x="width, as a power of ten", y="error (m)",
-        xlim=(-1.1, 3.1), ylim=(0, 50),
-    )  # fmt: skip
+    axes = {"x": "width, as a power of ten", "xlim": (-1.1, 3.1)}
+    chart = shown.chart("Mean distance, by the width", ylim=(0, 50), **axes)
     _by_width(shown, chart, widths, {"rehearsed": rehearsed, "in the outage": bridged})
     ins = off(error[heard:])
     shown.draw(chart, "ins", "INS", ([-1.1, 3.1], [ins, ins]))
@@ -240,8 +230,8 @@ def show_rehearsal(drive: Passage, bridge: Bridge) -> None:
         f"{rehearsed[s, n]:.1f} m in the rehearsal and {bridged[s, n]:.1f} m in the outage."
     ))  # fmt: skip
     shown.show(
-        name="fig-l4-rehearsal",
-        caption="At each width, the regularisation is the one with the least error in the "
+        "fig-l4-rehearsal",
+        "At each width, the regularisation is the one with the least error in the "
         "rehearsal, which is known before the outage.",
     )
 
@@ -251,15 +241,17 @@ def _by_width(
     errors: Mapping[str, Mapping[tuple[float, Any], float]],
 ) -> None:  # fmt: skip
     """Draw two errors over the width, known before the outage and not, by the sliders s and n."""
-    x = np.log10(widths)
+    labels = dict(zip(("constant", "lssvm"), errors, strict=True))
 
-    def add(method: str, label: str, of: Mapping[tuple[float, Any], float]) -> None:
-        shown.draw(chart, method, label, lambda n: (x, [of[s, n] for s in widths]))
-        shown.draw(chart, method, "", lambda s, n: ([np.log10(s)], [of[s, n]]), style="points")
-        shown.number(method, label, lambda s, n: f"{of[s, n]:.2f} m")
+    def curve(m: str, n: Any) -> tuple[Array, list[float]]:
+        return np.log10(widths), [errors[labels[m]][s, n] for s in widths]
 
-    for method, (label, of) in zip(("constant", "lssvm"), errors.items(), strict=True):
-        add(method, label, of)
+    def now(m: str, s: float, n: Any) -> tuple[list[float], list[float]]:
+        return [np.log10(s)], [errors[labels[m]][s, n]]
+
+    shown.draw_each(chart, labels, curve)
+    shown.draw_each(chart, dict.fromkeys(labels, ""), now, style="points")
+    shown.number_each(labels, lambda m, s, n: f"{errors[labels[m]][s, n]:.2f} m")
 
 
 def show_rivals(
@@ -283,38 +275,29 @@ def show_rivals(
         found["kalman"][b] = distances((error - coast(known))[rows])
         learned = bridge(inputs[kind], y[:n], sigma, eta)[:longest]
         found["lssvm"][b] = distances(error[rows] - learned)
+    labels = dict(zip(found, ("INS alone", "last y held", "Kalman", "LS-SVM"), strict=True))
     shown = Moving(
         "When the network is lost, and for how long",
         Slider("b", "lost at", begins, 20.0, "{:g} s", plays=True),
         Slider("n", "for", [2, 5, 10], 10, "{:g} s"),
     )
     since = t[:longest]
-    chart = shown.chart(
-        "Distance from the true position", x="time since the loss (s)", y="error (m)",
-        xlim=(0, 10), ylim=(0, 40),
-    )  # fmt: skip
-    labels = dict(zip(found, ("INS alone", "last y held", "Kalman", "LS-SVM"), strict=True))
+    chart = shown.chart(ylim=(0, 40), **SINCE)
 
-    def first(n: int) -> slice:
-        return slice(round(n / float(t[1])))
+    def first(method: str, b: float, n: int) -> Array:
+        return found[method][b][: round(n / float(t[1]))]
 
     def mean(method: str, b: float, n: int) -> float:
-        return float(found[method][b][first(n)].mean())
+        return float(first(method, b, n).mean())
 
-    def add(method: str, label: str) -> None:
-        of = found[method]
-        shown.draw(chart, method, label, lambda b, n: (since[first(n)], of[b][first(n)]))
-        shown.number(method, label, lambda b, n: f"{mean(method, b, n):.1f} m")
-
-    for method, label in labels.items():
-        add(method, label)
-    shown.sentence(lambda b, n: (
-        f"If the network is lost at {b:g} s for {n} s, the mean error is "
-        + ", ".join(f"{mean(m, b, n):.1f} m ({label})" for m, label in labels.items()) + "."
-    ))  # fmt: skip
+    shown.draw_each(chart, labels, lambda m, b, n: (since[: len(first(m, b, n))], first(m, b, n)))
+    said = shown.number_each(labels, lambda m, b, n: f"{mean(m, b, n):.1f} m")
+    shown.sentence(
+        lambda b, n: f"Mean errors if the network is lost at {b:g} s for {n} s: {said(b, n)}."
+    )
     shown.show(
-        name="fig-l4-rivals",
-        caption="The Kalman filter has four states and coasts. The LS-SVM is rehearsed again for "
+        "fig-l4-rivals",
+        "The Kalman filter has four states and coasts. The LS-SVM is rehearsed again for "
         "each outage.",
     )
     return mean
@@ -327,7 +310,8 @@ def show_heading(
 
     Returns the mean distance (m) of the four-state filter if it has none, lost at 20 s.
     """
-    begins, names = [10.0, 18.0, 20.0], ("INS alone", "4 states", "5 states")
+    begins = [10.0, 18.0, 20.0]
+    labels = {"ins": "INS alone", "kalman": "4 states", "coloured": "5 states"}
     t, _, _, heard = _of(drives[1.0])
     since, found = t[: len(t) - heard], {}
     for share, drive in drives.items():
@@ -336,37 +320,26 @@ def show_heading(
             rows, y = _after(t, b, len(since)), drive.y.copy()
             y[rows.start :] = np.nan
             said = 0 * drive.error[rows], coast(y)[rows], knowing(y, velocity)[rows, :4]
-            for name, answers in zip(names, said, strict=True):
-                found[name, b, share] = distances(drive.error[rows] - answers)
+            for method, answers in zip(labels, said, strict=True):
+                found[method, b, share] = distances(drive.error[rows] - answers)
     shown = Moving(
         "A state for the heading",
         Slider("b", "network lost at", begins, 20.0, "{:g} s"),
         Slider("share", "error of the heading, times", list(drives), 1.0, "{:g}"),
     )
-    chart = shown.chart(
-        "Distance from the true position", x="time since the loss (s)",
-        y="error (m)", xlim=(0, 10), ylim=(0, 60),
-    )  # fmt: skip
-
-    def mean(name: str, b: float, share: float) -> str:
-        return f"{found[name, b, share].mean():.1f} m"
-
-    def add(name: str, method: str) -> None:
-        shown.draw(chart, method, name, lambda b, share: (since, found[name, b, share]))
-        shown.number(method, name, lambda b, share: mean(name, b, share))
-
-    for name, method in zip(names, ("ins", "kalman", "coloured"), strict=True):
-        add(name, method)
+    chart = shown.chart(ylim=(0, 60), **SINCE)
+    shown.draw_each(chart, labels, lambda m, b, share: (since, found[m, b, share]))
+    means = shown.number_each(labels, lambda m, b, share: f"{found[m, b, share].mean():.1f} m")
     shown.sentence(lambda b, share: (
-        f"Lost at {b:g} s, with the heading's error times {share:g}, the mean error is "
-        + ", ".join(f"{mean(name, b, share)} ({name})" for name in names) + "."
+        f"Mean errors if the network is lost at {b:g} s, with the heading's error times {share:g}: "
+        f"{means(b, share)}."
     ))  # fmt: skip
     shown.show(
-        name="fig-l4-heading",
-        caption="Without a heading error, even the four-state Kalman filter bridges the "
+        "fig-l4-heading",
+        "Without a heading error, even the four-state Kalman filter bridges the "
         "turn. With a fifth state, the error need not be removed.",
     )
-    return float(found["4 states", 20.0, 0.0].mean())
+    return float(found["kalman", 20.0, 0.0].mean())
 
 
 def hold(
@@ -380,9 +353,8 @@ def hold(
     t, error, y, heard = _of(drive)
     for name, e in said.items():
         record.note(f"off.{name}", off((error - e)[heard:]), "m", "Mean distance, first outage.")
-    record.say("seeds.spread", f"{record.reference('p1-outages', 'seeds.spread').value:.0f}")
-    recorded = record.reference("recorded-data", "learners.mean.lssvm").value
-    record.say("recorded.lssvm", f"{recorded:.2f}")
+    record.quote("p1-outages", "seeds.spread")
+    record.quote("recorded-data", "learners.mean.lssvm", ".2f", "recorded.lssvm")
     for name in _FAIR:
         record.crossed("p1-outages", name)
     record.crossed("p1-outages", "/".join(_FAIR), ".1f", "ls-svm-over-coasting")

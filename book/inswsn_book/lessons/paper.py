@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from inswsn_book.record import ChapterRecord
 from inswsn_book.show.moving import Moving, Slider
+from inswsn_lib.checks import Array
 from inswsn_lib.papers import about, admits, bounds, derive, interval, reduction
 
-Array = NDArray[np.float64]
 Texts = Sequence[str]  # cells of a column, as printed
 
 #: What the text has of the evidence: its name, the quantity, its unit and its form
@@ -59,24 +59,19 @@ def show_slip(xs: Texts, ys: Texts, means: Texts) -> None:
         "Ten means, and where they come from",
         Slider("s", "y is taken from", [*OFFSETS], -1, "{:+d} rows below"),
     )
-    chart = shown.chart(
-        "“Mean error” of position (m)", x="row of the table", y="mean", xlim=(0.5, 10.5),
-        ylim=(0.1, 0.45),
-    )  # fmt: skip
+    axes = {"x": "row of the table", "y": "mean", "xlim": (0.5, 10.5), "ylim": (0.1, 0.45)}
+    chart = shown.chart("“Mean error” of position (m)", **axes)
     shown.draw(chart, "published", "printed", (row, mean), at=8)
     shown.draw(chart, "computed", "", lambda s: (row, (x + _below(y, s)) / 2))
     shown.draw(chart, "computed", "", lambda s: (row, (x + _below(y, s)) / 2), style="points")
     shown.number("computed", "rows that agree to the last digit", lambda s: f"{met[s]} of 10")
-
-    def said(s: int) -> str:
-        return f"With y from {s} rows below, {met[s]} of the 10 printed means of the table agree."
-
-    shown.sentence(said)
+    shown.sentence(lambda s: (
+        f"With y from {s} rows below, {met[s]} of the 10 printed means of the table agree."
+    ))  # fmt: skip
     shown.show(
-        name="fig-l7-slip",
-        caption="The mean of x in a row and y some rows below it, and the mean that is printed. "
+        "fig-l7-slip",
+        "The mean of x in a row and y some rows below it, and the mean that is printed. "
         "A y from beyond the table counts as zero.",
-        alt=said(-1),
     )
 
 
@@ -114,30 +109,22 @@ def show_digits(xs: Texts, ys: Texts, means: Texts) -> None:
     perfect = {d: int(np.sum(f[0] == 10)) for d, f in found.items()}
     most = {d: int(max(f[1])) for d, f in found.items()}
     shown = Moving("What the digits are worth", Slider("d", "decimals", [*DIGITS], 1, "{:d}"))
-    offsets = shown.chart(
-        "Rows that agree, by offset", x="offset", y="rows", xlim=(-9.6, 9.6), ylim=(0, 10.5)
-    )
+    axes = {"x": "offset", "y": "rows", "xlim": (-9.6, 9.6), "ylim": (0, 10.5)}
+    offsets = shown.chart("Rows that agree, by offset", **axes)
     shown.draw(offsets, "computed", "", lambda d: ([*OFFSETS], found[d][0]), style="bars")
-    chance = shown.chart(
-        f"Rows that agree, in {ORDERS:,} shuffles", x="rows", y="share (%)",
-        xlim=(-0.6, 10.6), ylim=(0, 100),
-    )  # fmt: skip
+    axes = {"x": "rows", "y": "share (%)", "xlim": (-0.6, 10.6), "ylim": (0, 100)}
+    chance = shown.chart(f"Rows that agree, in {ORDERS:,} shuffles", **axes)
     shown.draw(chance, "published", "", lambda d: (rows, shares[d]), style="bars")
     shown.number("computed", "offsets with all ten", lambda d: f"{perfect[d]} of 19")
     shown.number("published", "the luckiest order explains", lambda d: f"{most[d]} of 10")
-
-    def said(d: int) -> str:
-        return (
-            f"Decimals kept: {d}. Offsets that explain all ten rows: {perfect[d]} of 19. The "
-            f"luckiest random order explains {most[d]} of 10."
-        )
-
-    shown.sentence(said)
+    shown.sentence(lambda d: (
+        f"Decimals kept: {d}. Offsets that explain all ten rows: {perfect[d]} of 19. The luckiest "
+        f"random order explains {most[d]} of 10."
+    ))  # fmt: skip
     shown.show(
-        name="fig-l7-digits",
-        caption="All cells are rounded. How many decimals are needed before only one offset "
+        "fig-l7-digits",
+        "All cells are rounded. How many decimals are needed before only one offset "
         "explains the table, and no random order does?",
-        alt=said(1),
     )
 
 
@@ -181,13 +168,10 @@ def show_third(results: Mapping[str, Mapping[str, str]], allowed: float) -> None
 
     need = {axis: points_needed(pair) for axis, pair in pairs.items()}
     shown = Moving(
-        "Two comparisons imply a third",
-        Slider("axis", "error of", [*pairs], "position in x", "{}"),
+        "Two comparisons imply a third", Slider("axis", "error of", [*pairs], "position in x", "{}")
     )
-    chart = shown.chart(
-        "Federated filter over INS alone", x="points that “about” allows", y="ratio of errors",
-        xlim=(0, 30), ylim=(0, top),
-    )  # fmt: skip
+    axes = {"x": "points that “about” allows", "y": "ratio of errors", "xlim": (0, 30)}
+    chart = shown.chart("Federated filter over INS alone", ylim=(0, top), **axes)
     shown.draw(chart, "federated", "", band, style="band")
     shown.draw(
         chart, "federated", "as printed", lambda axis: ([0.0, 30.0], [plain(axis)] * 2), at=0
@@ -196,19 +180,14 @@ def show_third(results: Mapping[str, Mapping[str, str]], allowed: float) -> None
     shown.draw(chart, "published", "", ([allowed, allowed], [0.0, top]))
     shown.number("federated", "ratio as printed", lambda axis: f"{plain(axis):.2f}")
     shown.number("published", "“about” must allow", lambda axis: f"{need[axis]:g} points")
-
-    def said(axis: str) -> str:
-        return (
-            f"For the {axis}, the federated filter has {plain(axis):.2f} times the error of the "
-            f"INS alone; “about” must allow {need[axis]:g} points to bring this ratio down to one."
-        )
-
-    shown.sentence(said)
+    shown.sentence(lambda axis: (
+        f"For the {axis}, the federated filter has {plain(axis):.2f} times the error of the INS "
+        f"alone; “about” must allow {need[axis]:g} points to bring this ratio down to one."
+    ))  # fmt: skip
     shown.show(
-        name="fig-l7-third",
-        caption="The band shows every ratio that P2's two percentages allow. The vertical "
+        "fig-l7-third",
+        "The band shows every ratio that P2's two percentages allow. The vertical "
         "line marks the tolerance that the papers' round figures suggest.",
-        alt=said("velocity in x"),
     )
 
 
@@ -216,25 +195,20 @@ def show_growth(*, least: float) -> None:
     """Show an error that grows as a power of time, its RMS and its maximum."""
     rms = {a: (2 * a + 1) ** -0.5 for a in GROWTHS}
     shown = Moving("A maximum and a mean", Slider("a", "growth", [*GROWTHS], 2.0, "t to the {:g}"))
-    chart = shown.chart(
-        "Error, as a share of its maximum", x="time in the outage (share)", y="error",
-        xlim=(0, 1), ylim=(0, 1.05),
-    )  # fmt: skip
+    axes = {"x": "time in the outage (share)", "y": "error", "xlim": (0, 1), "ylim": (0, 1.05)}
+    chart = shown.chart("Error, as a share of its maximum", **axes)
     shown.draw(chart, "kalman", "error", lambda a: (TIME[::40], TIME[::40] ** a), at=25)
     shown.draw(chart, "kalman", "", lambda a: ([0.0, 1.0], [rms[a]] * 2))
     shown.draw(chart, "published", "P3 needs this RMS", ([0.0, 1.0], [least] * 2), at=0)
     shown.number("kalman", "RMS over maximum", lambda a: f"{rms[a]:.2f}")
     shown.number("published", "P3, outage 4, at least", f"{least:.2f}")
-
-    def said(a: float) -> str:
-        return f"An error that grows as t to the {a:g} has RMS / maximum {rms[a]:.2f}."
-
-    shown.sentence(said)
+    shown.sentence(
+        lambda a: f"An error that grows as t to the {a:g} has RMS / maximum {rms[a]:.2f}."
+    )
     shown.show(
-        name="fig-l7-growth",
-        caption="One horizontal line is the RMS of the curve, the other the least RMS that P3's "
+        "fig-l7-growth",
+        "One horizontal line is the RMS of the curve, the other the least RMS that P3's "
         "numbers allow. Which growth makes them meet?",
-        alt=said(2.0),
     )
 
 
@@ -262,19 +236,15 @@ def show_motion() -> None:
     shown.draw(upper, "ins", "", lambda r: (TIME[thin], motion(r, 0)[1][thin]))
     lower = shown.chart("Position error", y="p", ylim=(-0.5, 1), **axes)
     shown.draw(lower, "ins", "", lambda r, c: (TIME[thin], motion(r, c)[0][thin]))
-    zero = ([0.0, 1.0], [0.0, 0.0])
-    shown.draw(upper, "published", "", zero)
-    shown.draw(lower, "published", "", zero)
+    for chart in (upper, lower):
+        shown.draw(chart, "published", "", ([0.0, 1.0], [0.0, 0.0]))
     shown.number("ins", "mean |p| over mean |v|", lambda r, c: f"{ratio(r, c):.3f}")
-
-    def said(r: float, c: float) -> str:
-        return f"Zero at {r:g} and start at {c:.3f}: the ratio is {ratio(r, c):.3f}."
-
-    shown.sentence(said)
+    shown.sentence(
+        lambda r, c: f"Zero at {r:g} and start at {c:.3f}: the ratio is {ratio(r, c):.3f}."
+    )
     shown.show(
-        name="fig-l7-motion",
-        caption="Time is measured in windows, and so is the ratio. Make it as small as you can.",
-        alt=said(0.0, 0.0),
+        "fig-l7-motion",
+        "Time is measured in windows, and so is the ratio. Make it as small as you can.",
     )
 
 
@@ -292,27 +262,23 @@ def show_periods(longest: Array, *, matrices: float) -> None:
     shown = Moving(
         "Which period do the tables allow?", Slider("T", "period T", [*PERIODS], 1.0, "{:.2f} s")
     )
-    chart = shown.chart(
-        "Least possible mean position error", x="pair of cells", y="times the printed one",
-        xlim=(0.5, len(pair) + 0.5), ylim=(0, top),
-    )  # fmt: skip
-    shown.draw(chart, "published", "printed", ([0.5, len(pair) + 0.5], [1.0, 1.0]))
+    ends = (0.5, len(pair) + 0.5)
+    axes = {"x": "pair of cells", "y": "times the printed one", "xlim": ends, "ylim": (0, top)}
+    chart = shown.chart("Least possible mean position error", **axes)
+    shown.draw(chart, "published", "printed", (ends, [1.0, 1.0]))
     shown.draw(
         chart, "computed", "", lambda T: (pair, np.minimum(T / longest, top)), style="points"
     )
     shown.number("computed", "pairs that are impossible", lambda T: f"{out[T]} of {len(pair)}")
     shown.number("published", "the matrices print", f"{matrices:g} s")
-
-    def said(T: float) -> str:
-        return f"With a period of {T:g} s, {out[T]} of {len(pair)} pairs of cells are impossible."
-
-    shown.sentence(said)
+    shown.sentence(lambda T: (
+        f"With a period of {T:g} s, {out[T]} of {len(pair)} pairs of cells are impossible."
+    ))  # fmt: skip
     shown.show(
-        name="fig-l7-periods",
-        caption="Dots above the line are impossible: the position error cannot be as small as "
+        "fig-l7-periods",
+        "Dots above the line are impossible: the position error cannot be as small as "
         "printed. Pairs 1 to 4 are from P1 Table 2 (x, y in area 1; x, y in area 2), pairs 5 to 8 "
         "from P1 Table 3.",
-        alt=said(1.0),
     )
 
 
@@ -325,7 +291,7 @@ def hold(
     for name in ("1-table1.csv", "1-table2.csv", "1-table3.csv", "1.yaml", "2.yaml", "3.yaml"):
         record.data(f"papers/p{name}")
     for name, of, unit, form in EVIDENCE:
-        record.say(name, f"{record.reference('printed-numbers', of).value / unit:{form}}")
+        record.quote("printed-numbers", of, form, name, unit=unit)
     needed = points_needed(p2["results"]["vx"])
     a, b = map(float, p2["results"]["vx"].values())
     record.holds("Six times.", (100 - a) / (100 - b) == 6)

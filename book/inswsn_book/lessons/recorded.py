@@ -5,14 +5,15 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inswsn_book.lessons.nodes import model_of
 from inswsn_book.record import ChapterRecord
 from inswsn_book.show.moving import Moving, Slider
+from inswsn_lib.checks import Array
 from inswsn_lib.evaluation import autocorrelation
 from inswsn_lib.files import read_text
 from inswsn_lib.filters import design_kalman, lasting_ratio, run_kalman
@@ -20,7 +21,6 @@ from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation import ExampleRun, TrainingAreas
 from inswsn_lib.navigation.training_areas import p1_settings
 
-Array = NDArray[np.float64]
 #: What a filter finds at each sample: the state, and its covariance
 Filter = Callable[[ExampleRun, float], tuple[Array, Array]]
 
@@ -110,22 +110,17 @@ def show_means(period: float) -> None:
     shown = Moving(
         "What a hundred fixes are worth", Slider("t", "errors last", [*LASTING], 2.0, "{:g} s")
     )
-    chart = shown.chart(
-        "Error of the mean, one fix = 1", x="fixes in the mean", y="error", xlim=(0, 100),
-        ylim=(0, 1.05),
-    )  # fmt: skip
+    axes = {"x": "fixes in the mean", "y": "error", "xlim": (0, 100), "ylim": (0, 1.05)}
+    chart = shown.chart("Error of the mean, one fix = 1", **axes)
     shown.draw(chart, "constant", "independent", (COUNTS, COUNTS**-0.5), at=60)
     shown.draw(chart, "coloured", "", lambda t: (COUNTS, found[t]))
     shown.number("coloured", "100 fixes are worth", lambda t: f"{worth[t]:.1f} independent ones")
-
-    def said(t: float) -> str:
-        return f"If errors last {t:g} s, 100 fixes are worth {worth[t]:.1f} independent ones."
-
-    shown.sentence(said)
+    shown.sentence(
+        lambda t: f"If errors last {t:g} s, 100 fixes are worth {worth[t]:.1f} independent ones."
+    )
     shown.show(
-        name="fig-l8-means",
-        caption="If errors last, a mean of more fixes is hardly better: all have similar errors.",
-        alt=said(2.0),
+        "fig-l8-means",
+        "If errors last, a mean of more fixes is hardly better: all have similar errors.",
     )
 
 
@@ -165,19 +160,14 @@ def show_recorded(table: Table) -> None:
         chart, "coloured", "your curve", lambda t, w: (fine, (1 - w) * np.exp(-fine / t)), at=30
     )
     shown.number("coloured", "mean misfit", lambda r, t, w: f"{misfit(lags, seen[r], t, w):.3f}")
-
-    def said(r: str, t: float, w: float) -> str:
-        left = misfit(lags, seen[r], t, w)
-        return (
-            f"{r}: a curve that fades in {t:g} s, {w:.0%} white, has a mean misfit of {left:.3f}."
-        )
-
-    shown.sentence(said)
+    shown.sentence(lambda r, t, w: (
+        f"{r}: a curve that fades in {t:g} s, {w:.0%} white, has a mean misfit of "
+        f"{misfit(lags, seen[r], t, w):.3f}."
+    ))  # fmt: skip
     shown.show(
-        name="fig-l8-recorded",
-        caption="Dots are recorded. Fit a curve to them: choose how fast it fades, and how much of "
+        "fig-l8-recorded",
+        "Dots are recorded. Fit a curve to them: choose how fast it fades, and how much of "
         "the error is white and gone at the next fix.",
-        alt=said("room", *nearest(table)),
     )
 
 
@@ -213,29 +203,27 @@ def show_many(found: Mapping[tuple[str, float], tuple[float, float]]) -> None:
     """Show over many runs the errors of both filters and how often they are in their band."""
     lasting = [tau for name, tau in found if name == "coloured"]
     shown = Moving("Over many runs", Slider("t", "errors of fixes last", lasting, 0.2, "{:g} s"))
-    form = "{:.2f} times the error of fixes, {:.0f} % of errors in its band"
-    ratio = shown.chart("Error", x="errors last (s)", y="fixes = 1", xlim=(0, 5), ylim=(0.4, 1.3))
-    band = shown.chart("In its band", x="errors last (s)", y="%", xlim=(0, 5), ylim=(0, 105))
+    axes = {"x": "errors last (s)", "xlim": (0, 5)}
+    ratio = shown.chart("Error", y="fixes = 1", ylim=(0.4, 1.3), **axes)
+    band = shown.chart("In its band", y="%", ylim=(0, 105), **axes)
     for at, (chart, level) in enumerate(((ratio, 1.0), (band, 95.0))):
         shown.draw(chart, "published", "", ([0.0, 5.0], [level, level]))
         for name, label in LABELS.items():
             there = [tau for n, tau in found if n == name]
             shown.draw(chart, name, label, (there, [found[name, tau][at] for tau in there]))
-    shown.draw(ratio, "kalman", "", lambda t: ([t], [found["kalman", t][0]]), style="points")
-    shown.draw(ratio, "coloured", "", lambda t: ([t], [found["coloured", t][0]]), style="points")
-    shown.number("kalman", LABELS["kalman"], lambda t: form.format(*found["kalman", t]))
-    shown.number("coloured", LABELS["coloured"], lambda t: form.format(*found["coloured", t]))
 
-    def said(t: float) -> str:
-        each = (f"{label}: {form.format(*found[name, t])}" for name, label in LABELS.items())
-        return f"If errors of fixes last {t:g} s: {'; '.join(each)}."
+    def now(name: str, t: float) -> str:
+        form = "{:.2f} times the error of fixes, {:.0f} % of errors in its band"
+        return form.format(*found[name, t])
 
-    shown.sentence(said)
+    unnamed = dict.fromkeys(LABELS, "")
+    shown.draw_each(ratio, unnamed, lambda n, t: ([t], [found[n, t][0]]), style="points")
+    said = shown.number_each(LABELS, now)
+    shown.sentence(lambda t: f"If errors of fixes last {t:g} s: {said(t)}.")
     shown.show(
-        name="fig-l8-many",
-        caption=f"{MANY} simulated runs. Beyond what correlation time does the filter that "
-        "assumes white errors become worse than the fixes?",
-        alt=said(0.2),
+        "fig-l8-many",
+        f"{MANY} simulated runs. Beyond what correlation time does the filter that assumes white "
+        "errors become worse than the fixes?",
     )
 
 
@@ -260,23 +248,16 @@ def show_left(seed: int) -> None:
     fine = np.geomspace(0.05, 20, 100)
     curve = [lasting_ratio(1e-3, k / 2, 1.0) for k in fine.tolist()]
     shown = Moving("What a filter leaves", Slider("k", "2τ / hold time", [*RATIOS], 1.0, "{:g}"))
-    chart = shown.chart(
-        "Error of the filter, a fix = 1", x="2τ / hold time", y="error", xlim=(0, 20), ylim=(0, 1)
-    )
+    axes = {"x": "2τ / hold time", "y": "error", "xlim": (0, 20), "ylim": (0, 1)}
+    chart = shown.chart("Error of the filter, a fix = 1", **axes)
     shown.draw(chart, "coloured", "formula", (fine, curve))
     shown.draw(chart, "kalman", "simulated", ([*found], [*found.values()]), style="points")
     shown.draw(chart, "published", "", lambda k: ([k, k], [0.0, 1.0]))
     shown.number("kalman", "simulated", lambda k: f"{found[k]:.2f}")
-
-    def said(k: float) -> str:
-        return f"If 2τ is {k:g} times the hold time, {found[k]:.2f} of the error of a fix is left."
-
-    shown.sentence(said)
-    shown.show(
-        name="fig-l8-left",
-        caption="The formula, and filters in a simulation with five fixes a second.",
-        alt=said(1.0),
-    )
+    shown.sentence(lambda k: (
+        f"If 2τ is {k:g} times the hold time, {found[k]:.2f} of the error of a fix is left."
+    ))  # fmt: skip
+    shown.show("fig-l8-left", "The formula, and filters in a simulation with five fixes a second.")
 
 
 def show_gains(gains: Table) -> None:
@@ -287,32 +268,31 @@ def show_gains(gains: Table) -> None:
         "The law on recordings", Slider("n", "series", [*found], next(iter(found)), "{}")
     )
     ends = (0.0, 1.2)
-    chart = shown.chart(
-        "Error of a filter over that of the network", x="expected before it ran", y="found",
-        xlim=ends, ylim=ends, equal=True,
-    )  # fmt: skip
+    axes = {"x": "expected before it ran", "y": "found", "xlim": ends, "ylim": ends}
+    chart = shown.chart("Error of a filter over that of the network", equal=True, **axes)
     shown.draw(chart, "published", "as expected", (ends, ends), at=0)
-
-    def draw(method: str, of: str) -> Callable[[str], str]:
-        columns = [f"expected_{of}", of, f"{of}_low", f"{of}_high"]
-        x, y = ([row[name] for row in found.values()] for name in columns[:2])
+    kinds = {"kalman": "position", "coloured": "velocity"}
+    for method, of in kinds.items():
+        x, y = ([row[name] for row in found.values()] for name in (f"expected_{of}", of))
         shown.draw(chart, method, of, (x, y), style="points", at=int(np.argmax(y)))
-        shown.draw(
-            chart, method, "",
-            lambda n: ([found[n][f"expected_{of}"]] * 2, [found[n][e] for e in columns[2:]]),
-        )  # fmt: skip
-        said = "{:.2f} expected, {:.2f} found ({:.2f} to {:.2f})"
-        shown.number(method, of, lambda n: said.format(*(found[n][name] for name in columns)))
-        return lambda n: said.format(*(found[n][name] for name in columns))
 
-    position, velocity = draw("kalman", "position"), draw("coloured", "velocity")
-    shown.sentence(lambda n: f"{n}: in position {position(n)}; in velocity {velocity(n)}.")
+    def interval(method: str, n: str) -> tuple[list[float], list[float]]:
+        of, row = kinds[method], found[n]
+        return [row[f"expected_{of}"]] * 2, [row[f"{of}_low"], row[f"{of}_high"]]
+
+    def number(method: str, n: str) -> str:
+        of, row = kinds[method], found[n]
+        ends = f"({row[f'{of}_low']:.2f} to {row[f'{of}_high']:.2f})"
+        return f"{row[f'expected_{of}']:.2f} expected, {row[of]:.2f} found {ends}"
+
+    shown.draw_each(chart, dict.fromkeys(kinds, ""), interval)
+    said = shown.number_each(kinds, number)
+    shown.sentence(lambda n: f"{n}: {said(n)}.")
     shown.show(
-        name="fig-l8-gains",
-        caption="Recordings, as they are and made worse. Across: what is expected before a filter "
-        "runs. Upwards: what one of P1's form finds that knows how errors last; the upright lines "
-        "are 95 % intervals for other stretches of the same series.",
-        alt="Dots of position and of velocity near the diagonal where what is found is expected.",
+        "fig-l8-gains",
+        "Recordings, as they are and made worse. Across: what is expected before a filter runs. "
+        "Upwards: what one of P1's form finds that knows how errors last; the upright lines are "
+        "95 % intervals for other stretches of the same series.",
     )
 
 
@@ -329,46 +309,38 @@ def show_errors(runs: Mapping[float, ExampleRun], **filters: Filter) -> None:
     lasting, start = [tau for tau in runs if tau or not band], 2.0 if band else 0.0
     shown = Moving("Errors in x", Slider("t", "errors of fixes last", lasting, start, "{:g} s"))
     found = {(n, t): by(runs[t], t) for n, by in filters.items() for t in lasting}
-    told = {(n, t): (off(runs[t], of[0]), inside(runs[t], *of)) for (n, t), of in found.items()}
-    fixes = {t: off(run, run.ins - run.network) for t, run in runs.items()}
-    form = "{:.1f} cm, {:.0f} % in its band" if band else "{:.1f} cm"
+    fixes = {t: f"{off(run, run.ins - run.network):.1f} cm" for t, run in runs.items()}
 
-    def draw(n: str) -> None:
-        chart = shown.chart(LABELS[n], x="time (s)", y="m", xlim=(0, 20), ylim=(-0.6, 0.6))
+    def told(n: str, t: float) -> str:
+        mean = f"{off(runs[t], found[n, t][0]):.1f} cm"
+        return mean + f", {inside(runs[t], *found[n, t]):.0f} % in its band" * band
 
-        def sides(t: float) -> tuple[Array, Array, Array]:
-            side = np.minimum(2 * np.sqrt(found[n, t][1][:, 0, 0]), 0.6)
-            return runs[t].time, -side, side
+    def sides(n: str, t: float) -> tuple[Array, Array, Array]:
+        side = np.minimum(2 * np.sqrt(found[n, t][1][:, 0, 0]), 0.6)
+        return runs[t].time, -side, side
 
-        def error(t: float) -> tuple[Array, Array]:
-            return runs[t].time, (runs[t].ins - runs[t].truth - found[n, t][0][:, :4])[:, 0]
+    def error(n: str, t: float) -> tuple[Array, Array]:
+        return runs[t].time, (runs[t].ins - runs[t].truth - found[n, t][0][:, :4])[:, 0]
 
-        def of_fixes(t: float) -> tuple[Array, Array]:
-            return runs[t].time, (runs[t].network - runs[t].truth)[:, 0]
+    def of_fixes(t: float) -> tuple[Array, Array]:
+        return runs[t].time, (runs[t].network - runs[t].truth)[:, 0]
 
-        if band:
-            shown.draw(chart, n, "", sides, style="band")
-        shown.draw(chart, "network", "", of_fixes, style="points")
-        shown.draw(chart, n, "", error)
-        shown.number(n, LABELS[n], lambda t: form.format(*told[n, t]))
-
-    shown.number("network", "fixes", lambda t: f"{fixes[t]:.1f} cm")
     for n in filters:
-        draw(n)
-
-    def said(t: float) -> str:
-        each = (f"{LABELS[n]}: {form.format(*told[n, t])}" for n in filters)
-        return f"Mean errors if those of fixes last {t:g} s: fixes: {fixes[t]:.1f} cm; " + (
-            "; ".join(each) + "."
-        )
-
-    shown.sentence(said)
+        chart = shown.chart(LABELS[n], y="m", xlim=(0, 20), ylim=(-0.6, 0.6))
+        if band:
+            shown.draw(chart, n, "", partial(sides, n), style="band")
+        shown.draw(chart, "network", "", of_fixes, style="points")
+        shown.draw(chart, n, "", partial(error, n))
+    shown.number("network", "fixes", lambda t: fixes[t])
+    said = shown.number_each({n: LABELS[n] for n in filters}, told)
+    shown.sentence(
+        lambda t: f"Mean errors if those of fixes last {t:g} s: fixes: {fixes[t]}; {said(t)}."
+    )
     said_of = "Dots are the errors of fixes; their standard deviation is the same at each setting."
     bands = " Bands are two standard deviations to either side, by each filter's covariance. "
     shown.show(
-        name="fig-l8-honesty" if band else "fig-l8-lasting",
-        caption=said_of + bands * band + "Errors should be inside 95 % of the time." * band,
-        alt=said(start),
+        "fig-l8-honesty" if band else "fig-l8-lasting",
+        said_of + bands * band + "Errors should be inside 95 % of the time." * band,
     )
 
 
@@ -382,14 +354,11 @@ def innovations(run: ExampleRun, states: Array, tau: float) -> Array:
 
 def show_innovations(runs: Mapping[float, ExampleRun], knowing: Filter) -> None:
     """Show the autocorrelation of the innovations of two filters, and the bounds of chance."""
-    lasting = [tau for tau in runs if tau]
-    found = {}
-    for tau in lasting:
-        run = runs[tau]
-        found["kalman", tau] = autocorrelation(innovations(run, plain(run, tau)[0], tau), range(26))
-        found["coloured", tau] = autocorrelation(
-            innovations(run, knowing(run, tau)[0], tau), range(26)
-        )
+    lasting, filters = [tau for tau in runs if tau], {"kalman": plain, "coloured": knowing}
+    found = {
+        (name, tau): autocorrelation(innovations(run, by(run, tau)[0], tau), range(26))
+        for name, by in filters.items() for tau, run in runs.items() if tau
+    }  # fmt: skip
     lags = runs[0.0].period * np.arange(26)
     chance = 2 / np.sqrt(len(runs[0.0].truth) - 1)
     shown = Moving(
@@ -398,23 +367,16 @@ def show_innovations(runs: Mapping[float, ExampleRun], knowing: Filter) -> None:
     axes = {"x": "lag (s)", "y": "correlation", "xlim": (0, 5), "ylim": (-0.5, 1.05)}
     chart = shown.chart("Autocorrelation of innovations in x", **axes)
     shown.draw(chart, "published", "", ([0.0, 5.0], [-chance] * 2, [chance] * 2), style="band")
-    shown.draw(chart, "kalman", "", lambda t: (lags, found["kalman", t]))
-    shown.draw(chart, "coloured", "", lambda t: (lags, found["coloured", t]))
-    shown.number("kalman", "next one, assumes white", lambda t: f"{found['kalman', t][1]:.2f}")
-    shown.number("coloured", "next one, augmented", lambda t: f"{found['coloured', t][1]:.2f}")
-
-    def said(t: float) -> str:
-        return (
-            f"If errors last {t:g} s, neighbouring innovations have a correlation of "
-            f"{found['kalman', t][1]:.2f}; in the augmented filter, {found['coloured', t][1]:.2f}."
-        )
-
-    shown.sentence(said)
+    shown.draw_each(chart, dict.fromkeys(filters, ""), lambda n, t: (lags, found[n, t]))
+    labels = {"kalman": "next one, assumes white", "coloured": "next one, augmented"}
+    shown.number_each(labels, lambda n, t: f"{found[n, t][1]:.2f}")
+    shown.sentence(lambda t: (
+        f"If errors last {t:g} s, neighbouring innovations have a correlation of "
+        f"{found['kalman', t][1]:.2f}; in the augmented filter, {found['coloured', t][1]:.2f}."
+    ))  # fmt: skip
     shown.show(
-        name="fig-l8-innovations",
-        caption="The grey band is the range expected by chance if the innovations are "
-        "uncorrelated.",
-        alt=said(2.0),
+        "fig-l8-innovations",
+        "The grey band is the range expected by chance if the innovations are uncorrelated.",
     )
 
 
@@ -429,33 +391,25 @@ def show_bridges(profile: Table) -> None:
     """Show the error as time passes without fixes, in the room."""
     time, top = np.array(profile.index, dtype=float), 5.0
     every = [round(float(t), 1) for t in np.arange(1, 10.1, 0.5)]
-    errors = {name: (method, profile.of(column)) for name, (method, column) in BRIDGES.items()}
+    labels = {method: name for name, (method, _) in BRIDGES.items()}
+    errors = {method: profile.of(column) for method, column in BRIDGES.values()}
     shown = Moving("Without fixes", Slider("s", "time without fixes", every, 1.0, "{:g} s"))
-    chart = shown.chart(
-        "RMS position error (m)", x="time without fixes (s)", y="m", xlim=(0, 10), ylim=(0, top)
-    )
+    axes = {"x": "time without fixes (s)", "y": "m", "xlim": (0, 10), "ylim": (0, top)}
+    chart = shown.chart("RMS position error (m)", **axes)
     shown.draw(chart, "published", "", lambda s: ([s, s], [0.0, top]))
 
-    def at(name: str, s: float) -> str:
-        return f"{np.interp(s, time, errors[name][1]):.2f} m"
+    def drawn(method: str) -> tuple[Array, Array]:
+        values = errors[method]
+        last = int(np.argmax(values > top)) or len(values)  # as far as the chart goes
+        return time[:last], values[:last]
 
-    def draw(name: str, method: str, values: Array) -> None:
-        drawn = int(np.argmax(values > top)) or len(values)  # as far as the chart goes
-        shown.draw(chart, method, name, (time[:drawn], values[:drawn]))
-        shown.number(method, name, lambda s: at(name, s))
-
-    for name, of in errors.items():
-        draw(name, *of)
-
-    def said(s: float) -> str:
-        return f"After {s:g} s without fixes: {', '.join(f'{n} {at(n, s)}' for n in errors)}."
-
-    shown.sentence(said)
+    shown.draw_each(chart, labels, drawn)
+    said = shown.number_each(labels, lambda m, s: f"{np.interp(s, time, errors[m]):.2f} m")
+    shown.sentence(lambda s: f"After {s:g} s without fixes: {said(s)}.")
     shown.show(
-        name="fig-l8-bridges",
-        caption="Outages in the room, emulated in one recording. Standing still at the last fix "
-        "takes no computation at all.",
-        alt=said(5.0),
+        "fig-l8-bridges",
+        "Outages in the room, emulated in one recording. Standing still at the last fix takes no "
+        "computation at all.",
     )
 
 
@@ -468,7 +422,7 @@ def hold(
     for name in ("p1", "p1-inertial"):
         record.data(f"scenarios/{name}.yaml")
     for name, of, form in EVIDENCE:
-        record.say(name, f"{record.reference('recorded-data', of).value:{form}}")
+        record.quote("recorded-data", of, form, name)
     for name, of in (("lag", "room.lag.position"), ("learned", "learners.mean.lssvm")):
         ends = record.reference("recorded-data", of).interval or ()
         record.say(f"{name}.interval", " to ".join(f"{end:.2f}" for end in ends))
@@ -476,9 +430,7 @@ def hold(
     wheels, fixes = (record.reference("recorded-data", of).value for of in kinds)
     record.say("wheels", f"{wheels / fixes:.2f}")
     for of in ("position", "velocity"):  # of logarithms, about per cent
-        record.say(
-            f"law.{of}", f"{100 * record.reference('recorded-data', f'law.{of}.rms').value:.0f}"
-        )
+        record.quote("recorded-data", f"law.{of}.rms", short=f"law.{of}", unit=0.01)
     tau, white = nearest(tables["autocorrelation"])
     record.note("room.lasts", tau, "s", "How fast the nearest curve fades.", basis="recorded")
     record.note("room.white", 100 * white, "%", "Its share that is white.", basis="recorded")

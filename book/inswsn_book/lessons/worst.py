@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inswsn_book.lessons.nodes import model_of
 from inswsn_book.record import ChapterRecord
 from inswsn_book.show.moving import Moving, Slider
+from inswsn_lib.checks import Array
 from inswsn_lib.filters import run_hinfinity, run_kalman
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation import ExampleRun
 
-Array = NDArray[np.float64]
+#: What the two filters are called
+LABELS = {"kalman": "Kalman", "hinfinity": "H∞"}
 #: Of A, B, C, D: a gain at a gamma first, the least gamma, or singular values of a gain first
 ByModel = Callable[..., Any]
 
@@ -66,6 +68,9 @@ def show_game(*, kalman: float, hinfinity: float) -> None:
     def out(g: float, c: int, s: int) -> tuple[float, ...]:
         return tuple(errors_of(g, *disturbance(c, s)))
 
+    def curve(g: float, c: int, s: int) -> Any:
+        return time, out(g, c, s)[:SEEN]
+
     def ratio(g: float, c: int, s: int) -> float:
         return float(np.sum(np.square(out(g, c, s))))
 
@@ -74,25 +79,19 @@ def show_game(*, kalman: float, hinfinity: float) -> None:
     shown.draw(put, "ins", "drift", lambda c, s: (time[:PUSHED], disturbance(c, s)[0]), at=12)
     shown.draw(put, "network", "fixes", lambda c, s: (time[:PUSHED], disturbance(c, s)[1]), at=23)
     got = shown.chart("You get out", y="error", ylim=(-0.6, 0.6), **axes)
-
-    def add(name: str, label: str, at: int) -> None:
-        g = gains[name]
-        shown.draw(got, name, label, lambda c, s: (time, out(g, c, s)[:SEEN]), at=at)
-        words = f"{label} (at most {most(g):.2f})"
-        shown.number(name, words, lambda c, s: f"{ratio(g, c, s):.2f}")
-
-    add("kalman", "Kalman", 10)
-    add("hinfinity", "H∞", 18)
+    for name, at in (("kalman", 10), ("hinfinity", 18)):
+        shown.draw(got, name, LABELS[name], partial(curve, gains[name]), at=at)
+    words = {name: f"{LABELS[name]} (at most {most(g):.2f})" for name, g in gains.items()}
+    shown.number_each(words, lambda name, c, s: f"{ratio(gains[name], c, s):.2f}")
     shown.sentence(lambda c, s: (
         f"With {c} cycles and {s} % of the energy in the fixes, the Kalman filter's error has the "
         f"energy {ratio(kalman, c, s):.2f}, the H-infinity filter's {ratio(hinfinity, c, s):.2f}."
     ))  # fmt: skip
     shown.goal("Kalman: energy above 3.5", lambda c, s: ratio(kalman, c, s) > 3.5)
     shown.show(
-        name="fig-l3-game",
-        caption="The energy that you put in is 1. A minus sign means that the fix "
-        "errors oppose the drift. In brackets: the most that any disturbance of 24 samples "
-        "can reach.",
+        "fig-l3-game",
+        "The energy that you put in is 1. A minus sign means that the fix errors oppose the drift. "
+        "In brackets: the most that any disturbance of 24 samples can reach.",
     )
 
 
@@ -104,10 +103,8 @@ def show_response(*, start: float) -> None:
     peak = {g: of[g].max() for g in GAINS}  # at the slowest wave, or at the fastest
     mean = {g: (1 + g**2) / (2 * g - g**2) for g in GAINS}
     shown = Moving("Peak and mean", Slider("g", "gain g", [*GAINS], start, "g = {:.3g}"))
-    chart = shown.chart(
-        "Energy out per unit put in", x="frequency (cycles a sample)", y="energy ratio",
-        xlim=(0, 0.5), ylim=(0, 8),
-    )  # fmt: skip
+    axes = {"x": "frequency (cycles a sample)", "y": "energy ratio", "xlim": (0, 0.5)}
+    chart = shown.chart("Energy out per unit put in", ylim=(0, 8), **axes)
     shown.draw(chart, "constant", "", lambda g: (frequency, np.minimum(of[g], 8)))
     shown.draw(chart, "kalman", "mean", lambda g: ([0.0, 0.5], [mean[g]] * 2))
     shown.draw(chart, "hinfinity", "peak", lambda g: ([0.5 * (g > 1)], [peak[g]]), style="points")
@@ -117,8 +114,7 @@ def show_response(*, start: float) -> None:
         lambda g: f"With g = {g:.3g} the peak is {peak[g]:.2f} and the mean {mean[g]:.2f}."
     )
     shown.show(
-        name="fig-l3-response",
-        caption="Find the gain with the lowest peak, then the one with the lowest mean.",
+        "fig-l3-response", "Find the gain with the lowest peak, then the one with the lowest mean."
     )
 
 
@@ -135,9 +131,8 @@ def show_two_curves() -> None:
         "Each filter at its own minimum",
         Slider("d", "noise of fixes / drift", [*noises], 0.25, "{:g}"),
     )
-    chart = shown.chart(
-        "Multiples of the least value", x="gain g", y="multiple", xlim=(0, 1.6), ylim=(0.8, 4)
-    )
+    axes = {"x": "gain g", "y": "multiple", "xlim": (0, 1.6), "ylim": (0.8, 4)}
+    chart = shown.chart("Multiples of the least value", **axes)
     shown.draw(chart, "hinfinity", "worst", lambda d: (g, np.minimum(worst[d] / (1 + d**2), 4)))
     least = {d: (1 + best[d] ** 2 * d**2) / (2 * best[d] - best[d] ** 2) for d in noises}
     shown.draw(chart, "kalman", "mean", lambda d: (g, np.minimum(mean[d] / least[d], 4)))
@@ -150,10 +145,7 @@ def show_two_curves() -> None:
     shown.sentence(
         lambda d: f"Noise/drift {d:g}: least mean at g = {best[d]:.2f}, least worst case at g = 1."
     )
-    shown.show(
-        name="fig-l3-curves",
-        caption="Worse fixes lower the Kalman gain. The H∞ gain stays at 1.",
-    )
+    shown.show("fig-l3-curves", "Worse fixes lower the Kalman gain. The H∞ gain stays at 1.")
 
 
 def show_certificate(*, kalman: float, hinfinity: float) -> None:
@@ -174,24 +166,19 @@ def show_certificate(*, kalman: float, hinfinity: float) -> None:
         return f"P from {holds[0]:.2f} to {holds[-1]:.2f}" if len(holds) else "no P"
 
     shown = Moving("Is there a certificate?", Slider("b", "bound γ", [*BOUNDS], 2.4, "γ = {:.2f}"))
-    chart = shown.chart(
-        "Largest eigenvalue of the matrix", x="P", y="below 0: proven", xlim=(0.5, 4), ylim=(-2, 2)
-    )
+    axes = {"x": "P", "y": "below 0: proven", "xlim": (0.5, 4), "ylim": (-2, 2)}
+    chart = shown.chart("Largest eigenvalue of the matrix", **axes)
     shown.draw(chart, "truth", "", ([0.5, 4], [0, 0]))
-
-    def add(name: str, label: str, g: float) -> None:
-        shown.draw(chart, name, label, lambda b: (P, np.clip(largest(g, b, P), -2, 2)))
-        shown.number(name, label, lambda b: said(g, b))
-
-    add("kalman", "Kalman", kalman)
-    add("hinfinity", "H∞", hinfinity)
+    gains = {"kalman": kalman, "hinfinity": hinfinity}
+    shown.draw_each(chart, LABELS, lambda m, b: (P, np.clip(largest(gains[m], b, P), -2, 2)))
+    shown.number_each(LABELS, lambda m, b: said(gains[m], b))
     shown.sentence(lambda b: (
         f"The bound {b:.2f} is proven for the Kalman filter by {said(kalman, b)}, and for the "
         f"H-infinity filter by {said(hinfinity, b)}."
     ))  # fmt: skip
     shown.show(
-        name="fig-l3-certificate",
-        caption="Lower γ until no P is left, first for the Kalman filter, then for the H∞ filter.",
+        "fig-l3-certificate",
+        "Lower γ until no P is left, first for the Kalman filter, then for the H∞ filter.",
     )
 
 
@@ -242,26 +229,23 @@ def show_votes(cases: Sequence[tuple[Array, Array, Array, float]]) -> list[int]:
     }
     lost = {step: (pair[0] < 0) & (pair[1] >= 0) for step, pair in found.items()}
     agree = {step: (pair[0] < 0) == (pair[1] < 0) for step, pair in found.items()}
-    chart = shown.chart(
-        "Each dot is a system", x="before the step (below 0: holds)", y="after the step",
-        xlim=(-1.2, 1.2), ylim=(-1.2, 1.2),
-    )  # fmt: skip
+    axes = {"x": "before the step (below 0: holds)", "y": "after the step", "xlim": (-1.2, 1.2)}
+    chart = shown.chart("Each dot is a system", ylim=(-1.2, 1.2), **axes)
+    ends = {step: f"P1 ({STEPS[step - 1]}) to P1 ({STEPS[step]})" for step in found}
     shown.draw(chart, "truth", "", ([-1.2, 1.2], [0, 0]))
     shown.draw(chart, "truth", "", ([0, 0], [-1.2, 1.2]))
     shown.draw(chart, "hinfinity", "", lambda step: found[step][:, ~lost[step]], style="points")
     shown.draw(chart, "ins", "", lambda step: found[step][:, lost[step]], style="points")
-    shown.number(
-        "published", "from, to", lambda step: f"P1 ({STEPS[step - 1]}), P1 ({STEPS[step]})"
-    )
+    shown.number("published", "from", lambda step: ends[step])
     shown.number("hinfinity", "both inequalities agree", lambda step: f"{agree[step].sum():d}")
     shown.number("ins", "lost by the step", lambda step: f"{lost[step].sum():d}")
     shown.sentence(lambda step: (
-        f"From P1 ({STEPS[step - 1]}) to P1 ({STEPS[step]}), the inequalities agree for "
-        f"{agree[step].sum()} of {len(votes)} systems, and {lost[step].sum()} are lost."
+        f"From {ends[step]}, the inequalities agree for {agree[step].sum()} of {len(votes)} "
+        f"systems, and {lost[step].sum()} are lost."
     ))  # fmt: skip
     shown.show(
-        name="fig-l3-votes",
-        caption="A step that is an equivalence has no dot in the upper left or lower right: "
+        "fig-l3-votes",
+        "A step that is an equivalence has no dot in the upper left or lower right: "
         "both inequalities hold, or neither does. The axes show cube roots.",
     )
     return [int(each.sum()) for each in lost.values()]
@@ -287,8 +271,8 @@ def show_recursion() -> None:
     shown.goal("the least γ", lambda b: b == 2**0.5)
     shown.sentence(lambda b: f"With γ = {b:.3f}, the recursion of the random walk {said(b)}.")
     shown.show(
-        name="fig-l3-recursion",
-        caption="M has to stay below γ². If γ is too small, it does not. A large γ gives the gain "
+        "fig-l3-recursion",
+        "M has to stay below γ². If γ is too small, it does not. A large γ gives the gain "
         "of the Kalman filter, 0.618.",
     )
 
@@ -298,9 +282,8 @@ def show_price(response: ByModel, gains: Mapping[float, Array], kalman: Array) -
     sizes = {m: response(gain) for m, gain in (*gains.items(), (np.inf, kalman))}
     cost = {m: (each.max(), np.mean((each**2).sum(axis=1)) ** 0.5) for m, each in sizes.items()}
     shown = Moving("What a guarantee costs", Slider("m", "margin m", [*gains], min(gains), "{:g}"))
-    chart = shown.chart(
-        "Two costs", x="worst-case gain", y="RMS error, white noise", xlim=(5, 10), ylim=(2, 6)
-    )
+    axes = {"x": "worst-case gain", "y": "RMS error, white noise", "xlim": (5, 10), "ylim": (2, 6)}
+    chart = shown.chart("Two costs", **axes)
     shown.draw(chart, "hinfinity", "H∞", [*zip(*(cost[m] for m in gains), strict=True)], at=2)
     shown.draw(chart, "kalman", "Kalman", np.transpose([cost[np.inf]]), style="points", at=0)
     shown.draw(chart, "hinfinity", "", lambda m: np.transpose([cost[m]]), style="handle")
@@ -315,16 +298,15 @@ def show_price(response: ByModel, gains: Mapping[float, Array], kalman: Array) -
         f"filter are {said(np.inf)}."
     ))  # fmt: skip
     shown.show(
-        name="fig-l3-price",
-        caption="One axis, fixes of position alone. Drag the dot from the lowest worst case to the "
+        "fig-l3-price",
+        "One axis, fixes of position alone. Drag the dot from the lowest worst case to the "
         "Kalman filter. The first steps reduce the error most.",
     )
 
 
 def models_of(run: ExampleRun, factor: float) -> tuple[ErrorModel, list[Array]]:
     """Return the vehicle's model by the factor on its Q, and A, B, C, D of one axis: both alike."""
-    (p, v), (r, s) = run.process * factor**0.5, run.measurement
-    both = ErrorModel.p1(run.period, process_noise=(p, v), measurement_noise=(r, s))
+    both = model_of(run, factor)
     return both, [each[::2, ::2] for each in (both.A, both.B, both.C, both.D)]
 
 
@@ -349,10 +331,8 @@ def show_vehicle(
             x = run_hinfinity((both, gain), y, initial_state=y[0])
             error[m].append(float(run.distances(run.ins - x).mean()))
     shown = Moving("The vehicle", Slider("m", "margin m", margins, margins[0], "{:g}"))
-    chart = shown.chart(
-        "Mean distance against the assumed Q", x="factor on Q, as a power of ten", y="distance (m)",
-        xlim=(-4.2, 4.2), ylim=(0, 0.7),
-    )  # fmt: skip
+    axes = {"x": "factor on Q, as a power of ten", "y": "distance (m)", "xlim": (-4.2, 4.2)}
+    chart = shown.chart("Mean distance against the assumed Q", ylim=(0, 0.7), **axes)
     powers, fixes = np.log10(FACTORS), float(run.distances(run.network).mean())
     shown.draw(chart, "kalman", "Kalman", (powers, np.minimum(error[np.inf], 0.7)), at=0)
     shown.draw(chart, "network", "fixes", (powers, np.full(len(powers), fixes)), at=7)
@@ -372,8 +352,8 @@ def show_vehicle(
         f"hundredth of it is {said(m)}; the Kalman filter's is {said(np.inf)}."
     ))  # fmt: skip
     shown.show(
-        name="fig-l3-vehicle",
-        caption="With a matched Q the Kalman filter is better. With Q much too small, "
+        "fig-l3-vehicle",
+        "With a matched Q the Kalman filter is better. With Q much too small, "
         "an H∞ filter with a small margin is better. Find a margin that is good in both cases.",
     )
     axis, bound = models[small][1], (1 + start) * bounds[small]
@@ -397,8 +377,7 @@ def hold(
         record.data(f"scenarios/{name}.yaml")
     costs = {"position.exact": 2, "position.printed": 2, "position.percent": 0, "full.percent": 3}
     for name, digits in costs.items():
-        cost = record.reference("p1-lmi", f"cost.{name}").value
-        record.say(f"cost.{name}", f"{cost:.{digits}f}")
+        record.quote("p1-lmi", f"cost.{name}", f".{digits}f")
     record.crossed("p1-lmi", "cost.position.percent")
     record.note(
         "gamma", gamma, "1", "Least gamma of one axis, position measured, by the recursion."

@@ -126,12 +126,7 @@ def chapters(root: Path | None, name: str | None) -> None:
 )
 @click.pass_obj
 def run(
-    root: Path | None,
-    /,
-    name: str,
-    settings: tuple[str, ...],
-    file: Path | None,
-    **how: Any,
+    root: Path | None, /, name: str, settings: tuple[str, ...], file: Path | None, **how: Any
 ) -> None:
     """Ask a chapter: execute it with other parameters and tell what becomes of its findings.
 

@@ -161,6 +161,15 @@ class ChapterRecord:
         """Make a word known to the text as ``{glue:text}`name```, without recording it."""
         _glue(name, str(text))
 
+    def quote(
+        self, chapter: str, name: str, form: str = ".0f", short: str = "", *, unit: float = 1
+    ) -> None:
+        """Make a number of another chapter's reference results known to the text, in a unit.
+
+        It has its own name here, or a short one.
+        """
+        self.say(short or name, f"{self.reference(chapter, name).value / unit:{form}}")
+
     def crossed(self, chapter: str, name: str, form: str = ".0f", short: str = "") -> None:
         """Make known as ``crossed.NAME`` where a number lies if all assumptions vary at once.
 

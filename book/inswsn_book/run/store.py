@@ -424,10 +424,7 @@ def _execute(
         place = f"in cell {number} of {total} ({identity})"
         progress.cell(chapter.name, number)
 
-    with (
-        _overlaid(project.root, prepared.overlay) as root,
-        files.temporary_folder() as folder,
-    ):
+    with _overlaid(project.root, prepared.overlay) as root, files.temporary_folder() as folder:
         notebook = read_source(chapter, prepared.source)
         progress.started(chapter.name, len(notebook.cells) + bool(prepared.parameters))
         environment = environment_of(project, request)
@@ -438,12 +435,7 @@ def _execute(
         }
         try:
             executed = execute_notebook(
-                notebook,
-                prepared.parameters,
-                folder,
-                environment | own,
-                kernels.append,
-                tell_cell,
+                notebook, prepared.parameters, folder, environment | own, kernels.append, tell_cell
             )
         except Exception as error:  # whatever papermill, nbclient or the kernel raise
             log = (folder / "kernel.log").read_text(encoding="utf-8", errors="replace")

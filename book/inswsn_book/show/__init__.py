@@ -6,7 +6,7 @@ import io
 import re
 from collections import Counter
 from collections.abc import Container, Mapping
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import pandas as pd
 from IPython.display import display
@@ -140,6 +140,14 @@ def show_table(frame: pd.DataFrame, *, name: str, caption: str, fold: str = "") 
     )
 
 
+def svg_of(fig: Figure, **options: Any) -> str:
+    """Return a figure, which is closed, as SVG, the same each time; options are of its saving."""
+    stream = io.StringIO()
+    fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None}, **options)
+    plt.close(fig)
+    return stream.getvalue()
+
+
 def show_figure(fig: Figure, *, name: str, caption: str, alt: str) -> None:
     """Show a figure, which is closed, with its label, caption and alternative text.
 
@@ -156,11 +164,8 @@ def show_figure(fig: Figure, *, name: str, caption: str, alt: str) -> None:
         "in the way": texts_in_the_way(fig),
         "points": least_points(fig),
     }
-    stream = io.StringIO()
-    fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
-    plt.close(fig)
     # a hundredth of a point is nothing to see, nor is an indent
-    drawn = _PATH.sub(lambda path: _FINE.sub(r"\1", path[0]), stream.getvalue())
+    drawn = _PATH.sub(lambda path: _FINE.sub(r"\1", path[0]), svg_of(fig))
     drawn = _INDENT.sub("\n", drawn)
     # the build moves this metadata to the cell, where the book's renderer looks for it
     display(

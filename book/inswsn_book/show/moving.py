@@ -11,8 +11,9 @@ from __future__ import annotations
 import inspect
 import itertools
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from html import escape
 from typing import Any
 
@@ -34,8 +35,6 @@ _TAKERS: list[Callable[[str, str], None]] = []
 STYLES = ("line", "points", "bars", "band", "circle", "handle")
 _DOTS = {"points": 3, "handle": 7}  # points across, in the still picture
 _HEIGHT = 3.1  # inches, of each chart in the still picture
-_DIGITS = 4  # of what is drawn, over the range of its axis
-_EXPONENT = 1e16  # from where numbers are written with one
 _STEPS = 10_000  # from one end of an axis to the other, of what a page is given
 _SIGNS = "".join(sign for sign in map(chr, range(33, 127)) if sign not in '"<\\`')
 _BASE = len(_SIGNS) // 2
@@ -79,14 +78,14 @@ class _Table:
 class Chart:
     """One chart of a moving figure: its axes, and the series in it.
 
-    With `equal` a metre is as long upwards as sideways. Without a name `y` has no scale: rows.
+    With `equal` a metre is as long upwards as sideways.
     """
 
     title: str
-    x: str
-    y: str
     xlim: tuple[float, float]
     ylim: tuple[float, float]
+    x: str = "time (s)"
+    y: str = "error (m)"
     equal: bool = False
     series: list[tuple[str, str, str, int, _Table]] = field(default_factory=list)
 
@@ -112,6 +111,10 @@ class Moving:
         self.charts.append(Chart(title, **axes))
         return self.charts[-1]
 
+    def map(self, title: str, xlim: tuple[float, float], ylim: tuple[float, float]) -> Chart:
+        """Add an empty chart of places in m, with equal axes."""
+        return self.chart(title, x="x (m)", y="y (m)", xlim=xlim, ylim=ylim, equal=True)
+
     def draw(
         self, chart: Chart, method: str, label: str, what: Any, *, style: str = "line", at: int = -1
     ) -> None:
@@ -134,6 +137,24 @@ class Moving:
         if method:
             self._take(method)
         self._numbers.append((method, label, self._table(what)))
+
+    def draw_each(
+        self, chart: Chart, labels: Mapping[str, str], what: Callable[..., Any], **how: Any
+    ) -> None:
+        """Draw a series for each method of the labels: a function of the method and sliders."""
+        for method, label in labels.items():
+            self.draw(chart, method, label, partial(what, method), **how)
+
+    def number_each(
+        self, labels: Mapping[str, str], what: Callable[..., str]
+    ) -> Callable[..., str]:
+        """Say a number for each method of the labels, as `draw_each` draws.
+
+        Returns all labels with their numbers, as a function of the sliders.
+        """
+        for method, label in labels.items():
+            self.number(method, label, partial(what, method))
+        return lambda *at: "; ".join(f"{labels[m]} {what(m, *at)}" for m in labels)
 
     def goal(self, text: str, reached: Callable[..., bool]) -> None:
         """Set the reader a goal; the page says when, and where, it is reached."""
@@ -201,8 +222,6 @@ class Moving:
             ax.set(xlim=chart.xlim, ylim=chart.ylim)
             if chart.equal:
                 ax.set_aspect("equal")
-            if not chart.y:
-                ax.set_yticks([])
         clear_the_way(fig, labels)
         return fig
 
@@ -218,23 +237,23 @@ class Moving:
             "strokes": {name: [*STROKES[name]] for name in sorted(self._methods)},
             "charts": [_chart(chart) for chart in self.charts],
             "numbers": [
-                {"method": method, "label": label, "key": self._key(method), "by": t.by,
-                 "values": t.values}
-                for method, label, t in self._numbers
+                {"method": method, "label": label, "key": self._key(method), **vars(table)}
+                for method, label, table in self._numbers
             ],
             "goals": [
                 {"text": text, "by": t.by, "values": [bool(value) for value in t.values]}
                 for text, t in self._goals
             ],
-            "sentence": {"by": self._sentence.by, "values": self._sentence.values},
+            "sentence": vars(self._sentence),
         }  # fmt: skip
 
-    def show(self, *, name: str, caption: str, alt: str = "") -> None:
+    def show(self, name: str, caption: str) -> None:
         """Show it, with the still picture that it stands in for, as the last thing of a cell.
 
-        Without an alternative text of its own, the picture has the title and the sentence.
+        The picture's alternative text is the title and the sentence.
         """
-        alt = alt or f"{self.title}. {self._at_start(self._sentence)}"
+        stop = "" if self.title.endswith("?") else "."
+        alt = f"{self.title}{stop} {self._at_start(self._sentence)}"
         text = json.dumps(_packed(self.content()), allow_nan=False, separators=(",", ":"))
         for take in _TAKERS:
             take(name, text)
@@ -250,20 +269,21 @@ class Moving:
         show_figure(self.still(), name=name, caption=caption, alt=alt)
 
 
+def ellipse(covariance: Any, sigmas: float = 2.0) -> Array:
+    """Return a closed line (2, n) so many standard deviations about zero, by a covariance."""
+    angle = np.linspace(0, 2 * np.pi, 73)
+    return np.asarray(sigmas * np.linalg.cholesky(covariance) @ [np.cos(angle), np.sin(angle)])
+
+
 def _chart(chart: Chart) -> dict[str, Any]:
-    spans = [high - low for low, high in (chart.xlim, chart.ylim)]
     series = [
         {"method": method, "label": label, "style": style, "at": at, "by": table.by,
-         "values": [_rounded(value, spans) for value in table.values]}
+         "values": [[np.asarray(v, float).tolist() for v in value] for value in table.values]}
         for method, label, style, at, table in chart.series
     ]  # fmt: skip
-    axes = {
-        "x": {"label": chart.x, "ends": chart.xlim, "ticks": _ticks(*chart.xlim)},
-        "y": {
-            "label": chart.y, "ends": chart.ylim, "ticks": _ticks(*chart.ylim) if chart.y else []
-        },
-    }  # fmt: skip
-    return {"title": chart.title, "equal": chart.equal, "series": series} | axes
+    x = {"label": chart.x, "ends": chart.xlim, "ticks": _ticks(*chart.xlim)}
+    y = {"label": chart.y, "ends": chart.ylim, "ticks": _ticks(*chart.ylim)}
+    return {"title": chart.title, "equal": chart.equal, "series": series, "x": x, "y": y}
 
 
 def _packed(content: dict[str, Any]) -> dict[str, Any]:
@@ -300,18 +320,6 @@ def _text(values: Sequence[float], low: float, high: float) -> str:
             signs.append(_SIGNS[_BASE + digit])
         signs.append(_SIGNS[left])
     return "".join(signs)
-
-
-def _rounded(value: Sequence[Any], spans: Sequence[float]) -> list[list[float]]:
-    """Return x and what stands over it to a ten-thousandth of the axes."""
-    digits = [_DIGITS - int(np.floor(np.log10(span))) for span in spans]
-    x, *others = (np.asarray(values, dtype=float) for values in value)
-    return [_plain(x.round(digits[0])), *(_plain(y.round(digits[1])) for y in others)]
-
-
-def _plain(values: Array) -> list[float]:
-    """Return numbers as JSON has them in few characters: 2 for 2.0, and 0 for -0.0."""
-    return [int(v) if v.is_integer() and abs(v) < _EXPONENT else v for v in values.tolist()]
 
 
 def _ticks(low: float, high: float) -> list[tuple[float, str]]:

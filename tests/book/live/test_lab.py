@@ -43,12 +43,12 @@ def figure() -> Moving:
 def test_a_figure_is_a_widget_with_the_script_and_the_tables_of_the_page(
     monkeypatch: pytest.MonkeyPatch, displayed: list[Any], root: Any
 ) -> None:
-    figure().show(name="fig-x", caption="See.", alt="A line, 1 m high.")
+    figure().show("fig-x", "See.")
     monkeypatch.setitem(sys.modules, "anywidget", SimpleNamespace(AnyWidget=HasTraits))
     begin()
     shown: list[Any] = []
     monkeypatch.setattr(f"{WIDGET}.display", shown.append)
-    figure().show(name="fig-x", caption="See.", alt="A line, 1 m high.")
+    figure().show("fig-x", "See.")
     (page, _), _still = displayed  # of the first alone
     (widget,) = shown
     assert widget.name == "fig-x"
@@ -66,7 +66,7 @@ def test_without_anywidget_it_is_a_still_picture(
 ) -> None:
     monkeypatch.setitem(sys.modules, "anywidget", None)
     begin()
-    figure().show(name="fig-x", caption="See.", alt="A line, 1 m high.")
+    figure().show("fig-x", "See.")
     assert "image/svg+xml" in displayed[1][0]
 
 

@@ -125,13 +125,18 @@ def test_the_still_is_where_the_sliders_begin(moving: Moving) -> None:
 
 
 def test_it_is_a_hidden_section_and_a_figure(moving: Moving, displayed: list) -> None:
-    moving.show(name="fig-x", caption="See.", alt="What it shows: 3 m.")
+    assert moving.number_each({"ins": "INS", "kalman": "KF"}, lambda m, a: f"{m} {a}")(1) == (
+        "INS ins 1; KF kalman 1"
+    )
+    moving.sentence(lambda a: f"A product of {a}.")
+    moving.show("fig-x", "See.")
     (page, _), (_, picture) = displayed
     (section,) = BeautifulSoup(page["text/html"], "html.parser").children
     assert (section.name, section["class"], section.has_attr("hidden")) == (
         "section", ["moving"], True
     )  # fmt: skip
     assert section["data-figure"] == picture["inswsn"]["name"] == "fig-x"
+    assert picture["inswsn"]["alt"] == f"{TITLE}. A product of 2."
     assert "<" not in section.script.string
     assert json.loads(section.script.string)["title"] == TITLE
 
@@ -145,14 +150,6 @@ def test_what_may_not_be_is_refused(moving: Moving) -> None:
     ):
         with pytest.raises(ParameterError, match=said):
             moving.draw(chart, method, "", what, style=style)
-
-
-def test_what_is_drawn_is_kept_to_a_ten_thousandth_of_its_axis() -> None:
-    made = Moving("Digits")
-    chart = made.chart("C", x="", y="", xlim=(0, 1000), ylim=(0, 0.01))
-    made.draw(chart, "ins", "", ([1 / 3], [1 / 300]))
-    assert made.content()["charts"][0]["series"][0]["values"] == [[[0.3], [0.003333]]]
-    assert made.content()["charts"][0]["x"]["ticks"][1] == (200.0, "200")
 
 
 def luminance(colour: str) -> float:

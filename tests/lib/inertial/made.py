@@ -7,16 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation
 
 from inswsn_lib import inertial as nav
+from inswsn_lib.checks import Array
 from inswsn_lib.inertial import sensors
 from inswsn_lib.inertial.mechanization import GRAVITY
 from inswsn_lib.streams import Fixes, Imu, Ranges
 
-Array = NDArray[np.float64]
 PERIOD = 0.01
 ANCHORS = np.array(
     [[4.0, 3, 0.2], [-4, 3, 2.5], [-4, -3, 0.3], [4, -3, 2.4], [0, 4, 2.6], [0, -4, 0.1]]

@@ -7,15 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from lib.inertial.made import ANCHORS, LEVER_ARM, Path, ahead, fixes_of, motion_on, ranges_of
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 from inswsn_lib import inertial as nav
+from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.streams import Odometry, Ranges
 
-Array = NDArray[np.float64]
 SPREAD = np.repeat([0.1, 0.05, 0.02, 0.05, 0.003], 3)
 
 

@@ -7,12 +7,11 @@ from functools import cache
 import numpy as np
 import pytest
 from lib.inertial import two_filters
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from inswsn_lib.checks import Array
 from inswsn_lib.inertial import InertialState, metres
 
-Array = NDArray[np.float64]
 CLOSE = 0.01  # of a standard deviation
 
 

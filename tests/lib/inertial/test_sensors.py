@@ -7,15 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 from lib.inertial.made import LEVER_ARM, Path, compass, fixes_of, motion_on
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from inswsn_lib import inertial as nav
+from inswsn_lib.checks import Array
 from inswsn_lib.inertial import sensors
 from inswsn_lib.inertial.plain import expected
 from inswsn_lib.streams import Fixes
 
-Array = NDArray[np.float64]
 EARTH = nav.Earth(0.56, 2.07, 20.0)
 #: A sensor, what it is told, and how exact its row is: a heading leaves out how east turns
 CASES: list[tuple[Any, list[float]]] = [

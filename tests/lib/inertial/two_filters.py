@@ -14,17 +14,16 @@ from typing import Any
 
 import numpy as np
 from lib.vehicle.made_drive import on_the_way
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import inswsn_lib as iw
 from inswsn_lib import inertial as nav
+from inswsn_lib.checks import Array
 from inswsn_lib.inertial import metres
 from inswsn_lib.simulation import Drive
 from inswsn_lib.streams import Fixes, Imu
 from inswsn_lib.vehicle import FilterSettings, run_vehicle_filter
 
-Array = NDArray[np.float64]
 KEPT = Path(__file__).parents[2] / "data" / "two-filters.npz"
 #: GPS is lost after the first of these epochs and until the second
 LOST, BACK = 160, 200

@@ -9,16 +9,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from made_recording import ROOM, YARD, made, made_drive
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
+from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.logs import Calibration, calibrate, multilaterate_track
 from inswsn_lib.streams import Fixes, Recording, Reference
-
-Array = NDArray[np.float64]
 
 KNOWN: dict[str, Any] = {
     "clock": 0.04,

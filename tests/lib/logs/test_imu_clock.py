@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_recording import made, made_drive, made_imu
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom, t
 
@@ -15,7 +14,6 @@ from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.logs import imu_clock, slope_velocity
 from inswsn_lib.streams import Fixes, Imu, Recording
 
-Array = NDArray[np.float64]
 MOUNTED = (0.05, -0.1, 1.5)
 
 

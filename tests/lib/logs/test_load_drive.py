@@ -13,7 +13,6 @@ import pytest
 import requests
 from inswsn_book.record.files import file_digest
 from made_folders import make_rtklib, values_of
-from numpy.typing import NDArray
 
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import DATA_VARIABLE
@@ -22,7 +21,6 @@ from inswsn_lib.logs.files import locate
 from inswsn_lib.logs.registry import KNOWN
 from inswsn_lib.logs.rtklib import read_rtklib
 
-Array = NDArray[np.float64]
 NAME = "rtklib/drive-0708"
 IMU, TAG, POSITIONS = NAMES = ("imu_1934.csv", "imu_1934.csv.tag", "gnss_1934_sf.pos")
 MIRROR = "rtklibexplorer__GNSS_IMU/8235ee6c5f349db529bf43ad556a3769b346b5a1/data/drive_0708"

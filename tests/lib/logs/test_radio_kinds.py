@@ -14,14 +14,12 @@ from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 from inswsn_lib import logs
+from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.logs.files import locate
 from inswsn_lib.logs.radio_kinds import read_inrol, read_labyrinth, read_matrices, read_plaza
 from inswsn_lib.logs.registry import KNOWN
 from inswsn_lib.streams import Recording
-
-Array = NDArray[np.float64]
-
 
 # --- made files ---
 

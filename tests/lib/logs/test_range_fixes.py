@@ -9,14 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from made_recording import ROOM, YARD
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.logs import multilaterate_track, slope_velocity
 from inswsn_lib.streams import Fixes, Ranges
-
-Array = NDArray[np.float64]
 
 
 def names(count: int) -> tuple[str, ...]:

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from made_recording import coloured
-from numpy.typing import NDArray
 
+from inswsn_lib.checks import Array
 from inswsn_lib.logs.blocks import block_starts, block_sums, covariance, fit, jackknife
-
-Array = NDArray[np.float64]
 
 
 def test_blocks_are_as_long_as_asked_or_a_tenth_of_a_short_time() -> None:

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from lib.vehicle.made_drive import KNOWN, driven, logged
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from inswsn_lib.checks import Array
 from inswsn_lib.inertial import metres
 from inswsn_lib.learning import HoldRegressor
 from inswsn_lib.navigation import RecordedTrials, VehicleHybrid, read_trials, run_recorded_outages
@@ -20,8 +20,6 @@ from inswsn_lib.simulation import Drive
 from inswsn_lib.simulation.drive import DriveReference
 from inswsn_lib.streams import Recording
 from inswsn_lib.vehicle import FilterSettings
-
-Array = NDArray[np.float64]
 
 #: Of the car's forward axis in the IMU's axes: to the right, and up
 YAW, PITCH = np.deg2rad([6.0, -2.5])

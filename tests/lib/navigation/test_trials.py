@@ -18,13 +18,7 @@ from inswsn_lib import papers
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.inertial import metres
 from inswsn_lib.learning import HoldRegressor, RBFNetworkRegressor, SelectedLSSVM
-from inswsn_lib.navigation import (
-    OutageTrials,
-    VehicleHybrid,
-    outage_size,
-    p3_hybrids,
-    run_outages,
-)
+from inswsn_lib.navigation import OutageTrials, VehicleHybrid, outage_size, p3_hybrids, run_outages
 from inswsn_lib.simulation import Drive
 from inswsn_lib.vehicle import run_vehicle_filter
 
@@ -58,11 +52,7 @@ def trials() -> OutageTrials:
 
 @pytest.mark.parametrize(
     ("name", "options"),
-    [
-        ("never", {"aiding": False}),
-        ("until", {"aided_outages": False}),
-        ("through", {}),
-    ],
+    [("never", {"aiding": False}), ("until", {"aided_outages": False}), ("through", {})],
 )
 @pytest.mark.parametrize("number", [0, 1])
 def test_an_outage_is_a_run_of_the_whole_drive_with_that_outage(

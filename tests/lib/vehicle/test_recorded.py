@@ -14,11 +14,12 @@ import pytest
 from hypothesis import given, strategies as st
 from lib.vehicle.made_drive import DV, KNOWN, PERIOD, THETA, TURN, driven, logged
 from made_folders import needs
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pyins import strapdown, transform
 from pyins.util import ACCEL_COLS, GYRO_COLS
 from scipy.spatial.transform import Rotation
 
+from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.logs import load_drive
 from inswsn_lib.simulation import Drive, Place
@@ -31,8 +32,6 @@ from inswsn_lib.vehicle import (
     estimate_mounting,
     run_vehicle_filter,
 )
-
-Array = NDArray[np.float64]
 
 # degrees for a metre east and north at 40 degrees north, from WGS84's radii there:
 # a (1 - e^2) / w^3 = 6361815.8 and a / w = 6387001.9 m, and 1600 m of height
