@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from inswsn_book.lessons import nodes, worst
 
-from inswsn_lib.filters import federated_covariance, run_hinfinity, run_kalman
+from inswsn_lib.filters import federated_covariance, run_federated, run_hinfinity, run_kalman
 from inswsn_lib.lmi import design_filter, design_fusion
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation import example_clusters, example_run
@@ -139,6 +139,18 @@ def test_the_interval_holds_most_means_of_an_honest_filter() -> None:
     means = np.einsum("kir,kij,kjr->kr", error, np.linalg.inv(P), error).mean(axis=0)
     low, high = nodes.nees_interval(run, 1)
     assert 0.9 < np.mean((low < means) & (means < high)) < 0.99
+
+
+def test_the_fusion_of_all_clusters_by_the_number_is_the_federated_filter() -> None:
+    run, fixes = example_clusters(clusters=3)
+    found, own = nodes.locals_of(run, fixes, 3)
+    model = nodes.model_of(run)
+    federated = run_federated(
+        model, run.ins - fixes, reset="none", initial_covariance=1e6 / 3 * np.eye(4),
+        measurement_covariance=[model.measurement_covariance] * 3,
+    )  # fmt: skip
+    assert np.allclose(found.mean(axis=2), federated, rtol=0, atol=1e-9)
+    assert own.shape == (100, 4, 4)
 
 
 @pytest.mark.parametrize(
