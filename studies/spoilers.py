@@ -6,7 +6,7 @@ Each changes one file as a log or its reader would spoil it, and knows by which 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 import yaml
 
+from inswsn_lib.checks import Array
 from inswsn_lib.logs.csv_folder import COLUMNS
 from inswsn_lib.logs.likeness import signed_permutations
 
@@ -222,18 +223,22 @@ def _added(columns: tuple[str, ...]) -> Change:
     return in_tables(changed)
 
 
+def _mapped(table: pd.DataFrame, vectors: Iterable[tuple[str, ...]], P: Array) -> pd.DataFrame:
+    """Multiply vectors by a matrix, or by as much of it as they have components."""
+    for names in vectors:
+        there = [name for name in names if name in table]
+        if there:
+            table[there] = table[there].to_numpy() @ P[: len(there), : len(there)].T
+    return table
+
+
 def _axes(*vectors: tuple[str, ...]) -> Change:
     """Return what exchanges or reverses axes of vectors, all alike."""
 
     def changed(table: pd.DataFrame, _: float, rng: Random) -> pd.DataFrame:
         width = len([name for name in vectors[0] if name in table])
         others = [P for P in signed_permutations(width) if not np.allclose(P, np.eye(width))]
-        P = others[int(rng.integers(len(others)))]
-        for names in vectors:
-            there = [name for name in names if name in table]
-            if there:
-                table[there] = table[there].to_numpy() @ P[: len(there), : len(there)].T
-        return table
+        return _mapped(table, vectors, others[int(rng.integers(len(others)))])
 
     return in_tables(changed)
 
@@ -250,11 +255,7 @@ def _turned(*vectors: tuple[str, ...]) -> Change:
     def changed(table: pd.DataFrame, size: float, rng: Random) -> pd.DataFrame:
         angle = np.radians(size) * rng.choice([-1, 1])
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-        for names in vectors:
-            there = [name for name in names[:2] if name in table]
-            if there:
-                table[there] = table[there].to_numpy() @ turn.T
-        return table
+        return _mapped(table, [names[:2] for names in vectors], turn)
 
     return in_tables(changed)
 

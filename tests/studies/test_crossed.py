@@ -133,10 +133,7 @@ def crossing(project: Project) -> Crossing:
 
 @pytest.fixture(scope="module")
 def stored(project: Project) -> Crossed:
-    path = project.root / CROSSED_FILE
-    if not path.exists():  # until the study has been made
-        pytest.skip("there is no data/crossed.json yet: make studies")
-    return read_crossed(path)
+    return read_crossed(project.root / CROSSED_FILE)
 
 
 def test_it_is_of_these_factors_and_large(

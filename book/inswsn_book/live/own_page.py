@@ -197,9 +197,7 @@ def _draw_tracks(shown: Moving, found: Examined) -> None:
     apart = 0.3 * (x[1] - x[0]) - (y[1] - y[0])  # a straight track has some room about it
     if apart > 0:
         y = y[0] - apart / 2, y[1] + apart / 2
-    chart = shown.chart(
-        "The track, from where the INS begins", x="x (m)", y="y (m)", xlim=x, ylim=y, equal=True
-    )
+    chart = shown.map("The track, from where the INS begins", xlim=x, ylim=y)
     _draw_line(shown, chart, "ins", "INS alone", *ins.T)
     shown.draw(chart, "network", "network", _thinned(*network.T), style="points", at=0)
     _draw_line(shown, chart, "kalman", "INS corrected", *corrected.T)

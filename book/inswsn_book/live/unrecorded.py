@@ -64,4 +64,4 @@ class ChapterRecord:
     def keep(self, *_: object, **__: object) -> None:
         """Keep nothing."""
 
-    quantity = note = say = study = crossed = write = keep
+    quantity = note = say = quote = study = crossed = write = keep

@@ -92,18 +92,13 @@ class Run:
     @property
     def halves(self) -> tuple[Run, Run]:
         """It before and after its middle."""
-        half = len(self.states) // 2
-        parts = slice(None, half), slice(half - _SETTLED, None)
-        of = self.design
-        first, second = (
-            Run(
-                KalmanDesign(of.gains[p], of.predicted[p], of.filtered[p], of.innovation[p]),
-                self.states[p],
-                self.innovations[p],
-            )
-            for p in parts
-        )
-        return first, second
+        half, of = len(self.states) // 2, self.design
+
+        def part(p: slice) -> Run:
+            design = KalmanDesign(of.gains[p], of.predicted[p], of.filtered[p], of.innovation[p])
+            return Run(design, self.states[p], self.innovations[p])
+
+        return part(slice(None, half)), part(slice(half - _SETTLED, None))
 
     @property
     def likely(self) -> float:
@@ -262,22 +257,15 @@ def _figure(name: str, data: TrackPair, found: Fit, y: Array, rows: slice) -> Mo
     what, top = f"RMS error of {what}", 1.1 * min(max(sizes.values()), 5 * sizes[1.0])
     slider = Slider("q", "assumed Q over the fitted one", _FACTORS, 1.0)
     shown = Moving(f"What {name} answers", slider)
-    chart = shown.chart(
-        f"Both ways of being wrong about Q: {what}",
-        x="assumed Q over the fitted one (power of ten)",
-        y="m",
-        xlim=(-3, 3),
-        ylim=(0, top),
-    )
+    axes = {"x": "assumed Q over the fitted one (power of ten)", "y": "m", "xlim": (-3, 3)}
+    chart = shown.chart(f"Both ways of being wrong about Q: {what}", ylim=(0, top), **axes)
     reached = np.minimum([*sizes.values()], top)
     shown.draw(chart, "kalman", "", (np.log10(_FACTORS), reached))
     shown.draw(chart, "published", "", lambda q: ([np.log10(q)] * 2, [0.0, top]))
-    shown.sentence(
-        lambda q: (
-            f"With {q:g} times the fitted Q: {what} {sizes[q]:.3g} m, mean NIS {told[q]:.2f}, "
-            "which should be 1."
-        )
-    )
+    shown.sentence(lambda q: (
+        f"With {q:g} times the fitted Q: {what} {sizes[q]:.3g} m, mean NIS {told[q]:.2f}, which "
+        "should be 1."
+    ))  # fmt: skip
     shown.number("kalman", what, lambda q: f"{sizes[q]:.3g} m")
     shown.number("published", "mean NIS (1 if it fits)", lambda q: f"{told[q]:.2f}")
     return shown

@@ -124,7 +124,7 @@ def test_papermill_sets_no_name_that_the_chapter_does_not_declare(
 
 
 def test_a_reference_is_noted_by_what_is_said_of_it(
-    record: ChapterRecord, mini: MiniProject
+    record: ChapterRecord, mini: MiniProject, displayed: list
 ) -> None:
     def publish(value: float, other: float = 0.0, **changes: object) -> None:
         quantities = tuple(
@@ -137,6 +137,10 @@ def test_a_reference_is_noted_by_what_is_said_of_it(
     assert data_digest(mini.root, key) is None
     publish(42.0)
     assert record.reference("07", "twice").value == 42.0
+    record.quote("07", "twice", ".1f", "half", unit=2)
+    data, words = displayed.pop()
+    assert data["application/papermill.record/text/plain"] == "'21.0'"
+    assert words["scrapbook"]["name"] == "half"
     with pytest.raises(InswsnError, match=r"07\.json has no quantity 'thrice'"):
         record.reference("07", "thrice")
     noted = record.results().data
