@@ -32,6 +32,9 @@ test: environment ## lint, types, and all tests
 	$(VENV)/bin/lint-imports
 	$(RUN) -m pytest -n $(WORKERS) --dist worksteal
 
+library: environment ## the tests of the library alone, as they also pass by Python 3.12 and 3.13
+	$(RUN) -m pytest -n $(WORKERS) --dist worksteal tests/lib
+
 serve: book ## show the built book at http://127.0.0.1:$(PORT)/
 	@echo "The book is at http://127.0.0.1:$(PORT)/ (stop with Ctrl-C)"
 	@$(RUN) -m http.server --directory _build/html --bind 127.0.0.1 $(PORT) >/dev/null 2>&1
@@ -158,4 +161,4 @@ help: ## list the targets
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: book test serve lab notebooks publish archive sphinx calibrate recorded studies spoilt elsewhere bench wasm live pdf mutants trials licences lock upgrade tag assets release report actionlint audit format environment clean help
+.PHONY: book test library serve lab notebooks publish archive sphinx calibrate recorded studies spoilt elsewhere bench wasm live pdf mutants trials licences lock upgrade tag assets release report actionlint audit format environment clean help
