@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import io
 import os
@@ -14,6 +15,7 @@ import time
 import tomllib
 from collections.abc import Iterable, Iterator
 from hashlib import sha256
+from importlib.metadata import packages_distributions
 from itertools import chain
 from pathlib import Path
 
@@ -21,6 +23,8 @@ import environment
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+
+from inswsn_lib.extras import EXTRAS
 
 PIN = re.compile(r"^([A-Za-z0-9][\w.-]*)==([^\s;\\]+)(.*)$", re.MULTILINE)
 
@@ -51,6 +55,28 @@ def test_the_lock_has_all_that_is_asked_for(root: Path) -> None:
     assert problems(asked(root), "".join(locks)) == []
     wanted = [Requirement("numpy>=2"), Requirement("scipy"), Requirement("click<9")]
     assert problems(wanted, "numpy==1.9 \\\nclick==8.2 \\\n") == ["numpy", "scipy"]
+
+
+def test_what_the_library_declares_is_what_it_imports(root: Path) -> None:
+    """What is no part of the core is an extra, and the one that a sentence names."""
+    project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = project["optional-dependencies"]
+    imported = set(EXTRAS)
+    for path in (root / "inswsn_lib").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                imported |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                imported.add((node.module or "").partition(".")[0])
+    homes = packages_distributions()
+    names = imported - {*sys.stdlib_module_names, "inswsn_lib"}
+    found = {name: canonicalize_name(homes[name][0]) for name in names}
+    declared = {Requirement(text).name for text in chain(project["dependencies"], *extras.values())}
+    assert {*found.values()} == declared - {"inswsn"}
+    core = {Requirement(text).name for text in project["dependencies"]}
+    assert {name for name, home in found.items() if home not in core} == EXTRAS.keys()
+    for name, extra in EXTRAS.items():
+        assert found[name] in {Requirement(text).name for text in extras[extra]}
 
 
 def test_jupyterlab_is_pinned_as_it_is_asked_for(root: Path) -> None:
