@@ -1,7 +1,9 @@
 # Two commands from a fresh machine: `make book` and `make test`. Each installs what it needs first.
 # The same steps without make are in README.md.
 
-PYTHON  ?= $(firstword $(foreach name,python3.11 python3 python $(RUN),$(shell command -v $(name) 2>/dev/null)))
+# 3.11 where it runs, else 3.12 or 3.13: tried, since a name may be a shim of nothing
+PYTHON  ?= $(shell for v in 11 12 13; do for name in python3.$$v python3 python $(RUN); do \
+    $$name -c "import sys; sys.exit(sys.version_info[:2] != (3, $$v))" >/dev/null 2>&1 && echo $$name && exit; done; done)
 VENV    := .venv
 RUN     := $(VENV)/bin/python
 INSWSN  := $(RUN) -I -X utf8 -m inswsn_book
@@ -10,9 +12,9 @@ COMPILE := $(RUN) -m uv pip compile --quiet --universal --python-version 3.11 --
 tool     = $(found); $(PYTHON) -m venv _build/$(1) && \
     _build/$(1)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes -r .ci/$(1).txt
 # and have it see what the locks hold
-sees     = echo "import site; site.addsitedir('$(CURDIR)/$(VENV)/lib/python3.11/site-packages')" \
-    > _build/$(1)/lib/python3.11/site-packages/locked.pth
-found    = test -n "$(PYTHON)" || { echo "Python 3.11 is needed, and no python was found." >&2; exit 2; }
+sees     = locked=$$(echo $(CURDIR)/$(VENV)/lib/python3.*/site-packages); cd _build/$(1)/lib/python3.*/site-packages && \
+    echo "import sys, site; $(2)site.addsitedir('$$locked')" > locked.pth
+found    = test -n "$(PYTHON)" || { echo "Python 3.11, 3.12 or 3.13 is needed, and none runs." >&2; exit 2; }
 FRESH   ?=
 JOBS    ?=
 PORT    ?= 8000
@@ -29,6 +31,9 @@ test: environment ## lint, types, and all tests
 	$(RUN) -m ruff format --check .
 	$(VENV)/bin/lint-imports
 	$(RUN) -m pytest -n $(WORKERS) --dist worksteal
+
+library: environment ## the tests of the library alone, as they also pass by Python 3.12 and 3.13
+	$(RUN) -m pytest -n $(WORKERS) --dist worksteal tests/lib
 
 serve: book ## show the built book at http://127.0.0.1:$(PORT)/
 	@echo "The book is at http://127.0.0.1:$(PORT)/ (stop with Ctrl-C)"
@@ -61,7 +66,7 @@ pdf: book ## print the book to _build/pdf: lessons and evidence, claims, referen
 sphinx: book ## render the built book by the newest Sphinx without Jupyter Book, to _build/sphinx/html; needs the network
 	@$(found); $(PYTHON) -m venv --clear _build/sphinx
 	@_build/sphinx/bin/python -m pip install --quiet --disable-pip-version-check -r .ci/sphinx.in
-	@echo "import site, sys; sys.modules['jupyter_book'] = None; site.addsitedir('$(CURDIR)/$(VENV)/lib/python3.11/site-packages')" > _build/sphinx/lib/python3.11/site-packages/locked.pth
+	@$(call sees,sphinx,sys.modules['jupyter_book'] = None; )
 	@_build/sphinx/bin/python -I -X utf8 -m sphinx -q -W --keep-going -b html -d _build/sphinx/doctrees _build/pages/source _build/sphinx/html
 	@$(RUN) .ci/same_pages.py _build/html _build/sphinx/html
 
@@ -156,4 +161,4 @@ help: ## list the targets
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: book test serve lab notebooks publish archive sphinx calibrate recorded studies spoilt elsewhere bench wasm live pdf mutants trials licences lock upgrade tag assets release report actionlint audit format environment clean help
+.PHONY: book test library serve lab notebooks publish archive sphinx calibrate recorded studies spoilt elsewhere bench wasm live pdf mutants trials licences lock upgrade tag assets release report actionlint audit format environment clean help

@@ -3,8 +3,9 @@
 An environment lies in ``.venvs``, in a folder named by a digest of what it is made from: a lock
 whose content is unchanged asks for nothing. It is made where it stays, since its scripts hold its
 path, and ``.venv`` is a link that is set once all is in it. Until then the old one remains.
-Two calls at once wait for each other. Any Python on Linux or macOS runs this, in the checkout; 3.11
-is needed to make an environment.
+Two calls at once wait for each other. Any Python on Linux or macOS runs this, in the checkout; it
+takes 3.11, 3.12 or 3.13 to make an environment. What is pinned by hash holds for all three, but for
+torch: the hash of its wheel for CPUs is that for 3.11, and the others get the same version.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -66,9 +68,9 @@ def digest(*names: str) -> str:
 def install(made: Path) -> None:
     """Install what the locks pin into a new folder, which goes again if that fails."""
     version = sys.version_info[:2]
-    if version != (3, 11):
+    if not (3, 11) <= version <= (3, 13):
         sys.exit(
-            f"Python 3.11 is needed; {sys.executable} is {version[0]}.{version[1]}. "
+            f"Python 3.11, 3.12 or 3.13 is needed; {sys.executable} is {version[0]}.{version[1]}. "
             "Name another one: make PYTHON=/path/to/python3.11"
         )
     print("Installing the locked environment into .venv (a few minutes, once)", flush=True)
@@ -79,7 +81,8 @@ def install(made: Path) -> None:
         run(*pip(made, "--require-hashes", "-r", PIP))
         locked = "--require-hashes", "--no-compile", "-r"
         # both at once, since each unpacks on one core
-        torch = subprocess.Popen(pip(made, "--no-deps", *locked, TORCH), close_fds=False)
+        words = [*locked, TORCH] if version == (3, 11) else ["-r", str(without_hashes(made, TORCH))]
+        torch = subprocess.Popen(pip(made, "--no-deps", *words), close_fds=False)
         try:
             run(*pip(made, *locked, LOCK))
             if torch.wait():
@@ -96,6 +99,13 @@ def install(made: Path) -> None:
     except BaseException:
         remove(made)
         raise
+
+
+def without_hashes(made: Path, name: str) -> Path:
+    """Return a lock in an environment that pins by version alone."""
+    path = made / name
+    path.write_text(re.sub(r" \\\n +--hash=\S+", "", Path(name).read_text()))
+    return path
 
 
 def remove(made: Path) -> None:

@@ -8,10 +8,10 @@ and what each may use, are listed in ``CONTRIBUTING.md``.
 from importlib import import_module
 from typing import Any
 
-import lazy_loader
+from inswsn_lib.extras import attach
 
 _OLD_ROOMS = ("calibration", "estimation", "recordings")
-_imported, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_imported, __dir__, __all__ = attach(__name__, __file__)
 
 
 def __getattr__(name: str) -> Any:

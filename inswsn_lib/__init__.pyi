@@ -137,5 +137,6 @@ from .evaluation import (
 
 # Catch an error: one sentence that says which parameter, what it was, what it may be
 from .errors import InswsnError as InswsnError, ParameterError as ParameterError
+from .extras import MissingPackageError as MissingPackageError
 
 __version__: str

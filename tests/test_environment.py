@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import io
 import os
@@ -14,11 +15,16 @@ import time
 import tomllib
 from collections.abc import Iterable, Iterator
 from hashlib import sha256
+from importlib.metadata import packages_distributions
+from itertools import chain
 from pathlib import Path
 
+import environment
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+
+from inswsn_lib.extras import EXTRAS
 
 PIN = re.compile(r"^([A-Za-z0-9][\w.-]*)==([^\s;\\]+)(.*)$", re.MULTILINE)
 
@@ -29,7 +35,8 @@ def asked(root: Path) -> Iterator[Requirement]:
             yield Requirement(text)
     for name in ("pyproject.toml", "book/pyproject.toml"):
         project = tomllib.loads((root / name).read_text(encoding="utf-8"))["project"]
-        yield from map(Requirement, project["dependencies"])
+        extras = project["optional-dependencies"].values() if name == "pyproject.toml" else []
+        yield from map(Requirement, chain(project["dependencies"], *extras))
 
 
 def problems(requirements: Iterable[Requirement], lock: str) -> list[str]:
@@ -44,9 +51,32 @@ def problems(requirements: Iterable[Requirement], lock: str) -> list[str]:
 
 
 def test_the_lock_has_all_that_is_asked_for(root: Path) -> None:
-    assert problems(asked(root), (root / "environment.lock").read_text(encoding="utf-8")) == []
+    locks = [(root / f"environment{name}.lock").read_text("utf-8") for name in ("", "-torch")]
+    assert problems(asked(root), "".join(locks)) == []
     wanted = [Requirement("numpy>=2"), Requirement("scipy"), Requirement("click<9")]
     assert problems(wanted, "numpy==1.9 \\\nclick==8.2 \\\n") == ["numpy", "scipy"]
+
+
+def test_what_the_library_declares_is_what_it_imports(root: Path) -> None:
+    """What is no part of the core is an extra, and the one that a sentence names."""
+    project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = project["optional-dependencies"]
+    imported = set(EXTRAS)
+    for path in (root / "inswsn_lib").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                imported |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                imported.add((node.module or "").partition(".")[0])
+    homes = packages_distributions()
+    names = imported - {*sys.stdlib_module_names, "inswsn_lib"}
+    found = {name: canonicalize_name(homes[name][0]) for name in names}
+    declared = {Requirement(text).name for text in chain(project["dependencies"], *extras.values())}
+    assert {*found.values()} == declared - {"inswsn"}
+    core = {Requirement(text).name for text in project["dependencies"]}
+    assert {name for name, home in found.items() if home not in core} == EXTRAS.keys()
+    for name, extra in EXTRAS.items():
+        assert found[name] in {Requirement(text).name for text in extras[extra]}
 
 
 def test_jupyterlab_is_pinned_as_it_is_asked_for(root: Path) -> None:
@@ -61,6 +91,36 @@ def test_every_pin_has_a_hash(root: Path, name: str) -> None:
     pins = PIN.findall((root / name).read_text(encoding="utf-8"))
     assert pins
     assert [pin for pin, _, rest in pins if not rest.endswith("\\")] == []
+
+
+def test_another_python_than_the_hashed_one_gets_torch_by_its_version(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(root)
+    hashed = (root / environment.TORCH).read_text(encoding="utf-8")
+    plain = environment.without_hashes(tmp_path, environment.TORCH).read_text(encoding="utf-8")
+    assert "--hash" in hashed
+    assert "--hash" not in plain
+    pins = [[pin[:2] for pin in PIN.findall(text)] for text in (hashed, plain)]
+    assert pins[0] == pins[1] != []
+    assert "+cpu" in pins[1][0][1]
+
+
+@pytest.mark.parametrize("runs", [11, 12, 13])
+def test_make_takes_a_python_that_runs(root: Path, tmp_path: Path, runs: int) -> None:
+    """The one of a lower version is a shim of nothing; those of all higher versions run."""
+    (tmp_path / "Makefile").write_text((root / "Makefile").read_text(encoding="utf-8"))
+    for name in ("python3.11", "python3", "python", "python3.12", "python3.13"):
+        _, _, version = name.partition("3.")
+        code = "exit 0" if version and int(version) >= runs else "echo command not found; exit 127"
+        (tmp_path / name).write_text(f"#!/bin/sh\n{code}\n")
+        (tmp_path / name).chmod(0o755)
+    said = subprocess.run(
+        ["make", "-n", "environment"], cwd=tmp_path, text=True, check=True, capture_output=True,
+        env={k: v for k, v in os.environ.items() if not k.startswith(("MAKE", "PYTHON"))}
+        | {"PATH": f"{tmp_path}:{os.environ['PATH']}"},
+    ).stdout  # fmt: skip
+    assert said.endswith(f"; python3.{runs} .ci/environment.py\n")
 
 
 # How it is made: by the recipe itself, with one small package in the lock -------------------------

@@ -152,12 +152,15 @@ def test_a_tag_that_is_not_the_version_is_refused(
 
 
 def test_one_python_and_one_commit_of_each_action(
-    root: Path, texts: dict[str, str], steps: list[dict[str, Any]]
+    root: Path, texts: dict[str, str], workflows: dict[str, Any], steps: list[dict[str, Any]]
 ) -> None:
     used = [step for step in steps if "uses" in step]
     asked = {step["with"]["python-version"] for step in used if "setup-python@" in step["uses"]}
-    assert asked == {PYTHON}
+    assert asked == {PYTHON, "${{ matrix.python }}"}
     pyproject = (root / "pyproject.toml").read_text()
+    others = workflows["weekly"]["jobs"]["pythons"]["strategy"]["matrix"]["python"]
+    said = re.findall(r"Python :: (3\.\d+)", pyproject)
+    assert [PYTHON, *others] == said
     (allowed,) = re.findall(r'^requires-python = "(.*)"$', pyproject, re.MULTILINE)
     assert SpecifierSet(allowed).contains(PYTHON)
     assert f'target-version = "py{PYTHON.replace(".", "")}"' in pyproject

@@ -6,16 +6,19 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
 
 from inswsn_lib.checks import Array, array, whole
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.evaluation.clusters import cluster_mean
 from inswsn_lib.evaluation.metrics import spread
+from inswsn_lib.extras import need
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: A cell is explained if the rebuilt one is within this share of it.
 WITHIN = 0.1
@@ -195,7 +198,7 @@ class Scores:
             middle = {name: float(q[0]) for name, q in spread(values[None])._asdict().items()}
             row = {"method": method, "column": column, "unit": unit, "runs": len(values)}
             rows.append(row | {"mean": float(values.mean())} | middle)
-        return pd.DataFrame(rows)
+        return need("pandas", "The table of scores").DataFrame(rows)
 
     def leader(self) -> Leader:
         """Return which method has the least mean of the headline, and by how much."""

@@ -1,5 +1,5 @@
 """Filters that estimate the error of an inertial navigation system."""
 
-import lazy_loader
+from inswsn_lib.extras import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TypeVar
 
 import numpy as np
@@ -27,10 +27,16 @@ def first_state(value: ArrayLike | None, states: int, runs: int) -> Array:
     return np.broadcast_to(given.reshape(states, -1), (states, runs))
 
 
-def over_steps(name: str, value: ArrayLike | None, default: Array, steps: int) -> Array:
-    """Return the covariance of each step, from one for all, one for each, or the default."""
+def over_steps(
+    name: str,
+    value: ArrayLike | None,
+    default: Array,
+    steps: int,
+    check: Callable[..., Array] = covariance,
+) -> Array:
+    """Return the matrix of each step, from one for all, one for each, or the default."""
     shape = steps, *default.shape
-    given = covariance(name, default if value is None else value, default.shape, shape)
+    given = check(name, default if value is None else value, default.shape, shape)
     return np.broadcast_to(given, shape)
 
 

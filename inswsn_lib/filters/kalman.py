@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from inswsn_lib.checks import Array, Mask, covariance, mask
+from inswsn_lib.checks import Array, Mask, array, covariance, mask
 from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.filters.inputs import (
     certain_innovation,
@@ -70,6 +70,9 @@ def design_kalman(
     initial_covariance: ArrayLike,
     process_covariance: ArrayLike | None = None,
     measurement_covariance: ArrayLike | None = None,
+    A: ArrayLike | None = None,
+    B: ArrayLike | None = None,
+    C: ArrayLike | None = None,
 ) -> KalmanDesign:
     r"""Compute the gains of the Kalman filter for a pattern of available measurements.
 
@@ -94,6 +97,9 @@ def design_kalman(
         Q; entry k drives step k to k + 1.
     measurement_covariance : array_like, (m, m) or (steps, m, m), optional
         R.
+    A, B, C : array_like, (n, n), (n, p) and (m, n), or (steps, ., .), optional
+        Instead of those of the model; entry k of A and B leads from step k to k + 1, that of C is
+        measured at step k.
 
     Examples
     --------
@@ -106,9 +112,9 @@ def design_kalman(
     ([0.5, 0.0], [0.5, 1.5])
     """
     there = mask("available", available, ("steps", len(model.C)))
-    noise = _Noise.of(model, process_covariance, measurement_covariance, len(there))
+    told = _Steps.of(model, process_covariance, measurement_covariance, len(there), A, B, C)
     covariances = _Covariances.start(model, initial_covariance)
-    steps = [covariances.step(here, noise, k) for k, here in enumerate(there[:, None])]
+    steps = [covariances.step(here, told, k) for k, here in enumerate(there[:, None])]
     m, n = model.C.shape
     gains, _, *others = (
         np.array([step[i] for step in steps]).reshape(len(steps), *shape)
@@ -126,6 +132,10 @@ def run_kalman(
     measurement_covariance: ArrayLike | None = None,
     initial_state: ArrayLike | None = None,
     predicted: bool = False,
+    A: ArrayLike | None = None,
+    B: ArrayLike | None = None,
+    C: ArrayLike | None = None,
+    control: ArrayLike | None = None,
 ) -> Array:
     """Run the Kalman filter of `design_kalman` over one run, or any number at once.
 
@@ -138,12 +148,14 @@ def run_kalman(
         A, C, and by default Q = B B' and R = D D'.
     measurements : array_like, (steps, m) or (steps, m, runs)
         y; NaN, or masked, where a component is missing. Where all are, the filter predicts.
-    initial_covariance, process_covariance, measurement_covariance
+    initial_covariance, process_covariance, measurement_covariance, A, B, C
         As in `design_kalman`.
     initial_state : array_like, (n,) or (n, runs), optional
         The state before the first measurement. Default: zero.
     predicted : bool
         Return the state before the measurement of each step instead of after it.
+    control : array_like, (steps, n) or (steps, n, runs), optional
+        What is known to be added to the state, as G u of an input u; entry k from step k to k + 1.
 
     Returns
     -------
@@ -162,10 +174,15 @@ def run_kalman(
     [[0.5], [0.5], [0.8571]]
     """
     there, y, back = measured(measurements, "steps", len(model.C), "runs")
-    noise = _Noise.of(model, process_covariance, measurement_covariance, len(y))
+    told = _Steps.of(model, process_covariance, measurement_covariance, len(y), A, B, C)
     covariances = _Covariances.start(model, initial_covariance)
     x = first_state(initial_state, len(model.A), y.shape[2])
-    return back(_run(covariances, noise, there, y, x, predicted)[0])
+    known = None
+    if control is not None:
+        shape = len(y), *x.shape
+        added = array("control", control, shape[:2], shape).reshape(*shape[:2], -1)
+        known = np.broadcast_to(added, shape)
+    return back(_run(covariances, told, there, y, x, predicted, known)[0])
 
 
 def stream_kalman(
@@ -212,7 +229,7 @@ def stream_kalman(
     >>> bool(np.allclose(np.concatenate(list(pieces)), whole, rtol=1e-12))
     True
     """
-    noise = _Noise.of(model, process_covariance, measurement_covariance)
+    told = _Steps.of(model, process_covariance, measurement_covariance)
     covariances = _Covariances.start(model, initial_covariance)
     runs: int | str = "runs"
     x = None
@@ -221,17 +238,19 @@ def stream_kalman(
         if x is None:
             x = first_state(initial_state, len(model.A), y.shape[2])
             runs = y.shape[2]
-        estimates, x, covariances = _run(covariances, noise, there, y, x, predicted)
+        estimates, x, covariances = _run(covariances, told, there, y, x, predicted)
         yield back(estimates)
 
 
 @dataclass(frozen=True, eq=False)
-class _Noise:
-    """Q (., n, n) and R (., m, m) with their square roots; one for all steps, or one for each.
+class _Steps:
+    """A, C, Q and R with their square roots, (., ., .); one for all steps, or one for each.
 
     Above `limits` (., m) the variance of an innovation is far above that of the measurement.
     """
 
+    A: Array
+    C: Array
     Q: Array
     driving: Array
     R: Array
@@ -240,27 +259,40 @@ class _Noise:
 
     @classmethod
     def of(
-        cls, model: ErrorModel, Q: ArrayLike | None, R: ArrayLike | None, steps: int = 1
+        cls,
+        model: ErrorModel,
+        Q: ArrayLike | None,
+        R: ArrayLike | None,
+        steps: int = 1,
+        A: ArrayLike | None = None,
+        B: ArrayLike | None = None,
+        C: ArrayLike | None = None,
     ) -> Self:
         """Return what is given, or that of the model, checked."""
-        own = model.process_covariance, model.measurement_covariance
-        Qs = over_steps("process_covariance", Q, own[0], steps)
-        Rs = over_steps("measurement_covariance", R, own[1], steps)
-        Qs, Rs = (X if X.strides[0] else X[:1] for X in (Qs, Rs))
-        # of the model's own noise the root is exact
-        driving = model.B[None] if np.array_equal(Qs, own[0][None]) else _root(Qs)
-        return cls(Qs, driving, Rs, _root(Rs), _FAR * np.diagonal(Rs, axis1=1, axis2=2))
+        n = len(model.A)
+        given = array("B", model.B if B is None else B, (n, "p"), (steps, n, "p"))
+        noises = given.reshape(-1, *given.shape[-2:])
+        own = np.reshape([b @ b.T for b in noises], (*given.shape[:-2], n, n))
+        found = (
+            over_steps("A", A, model.A, steps, array),
+            over_steps("C", C, model.C, steps, array),
+            over_steps("process_covariance", own if Q is None else Q, model.A, steps),
+            over_steps("measurement_covariance", R, model.measurement_covariance, steps),
+        )
+        As, Cs, Qs, Rs = (X if X.strides[0] else X[:1] for X in found)
+        # of noises that are given as such the root is exact
+        driving = noises if np.array_equal(Qs, own.reshape(-1, n, n)) else _root(Qs)
+        return cls(As, Cs, Qs, driving, Rs, _root(Rs), _FAR * np.diagonal(Rs, axis1=1, axis2=2))
 
-    def at(self, k: int) -> tuple[Array, Array, Array, Array, Array]:
-        """Return all of them at a step."""
-        parts = self.Q, self.driving, self.R, self.root, self.limits
-        Q, driving, R, root, limits = (each[min(k, len(each) - 1)] for each in parts)
-        return Q, driving, R, root, limits
+    def at(self, k: int) -> _Steps:
+        """Return all of them at a step, without the axis of steps."""
+        parts = self.A, self.C, self.Q, self.driving, self.R, self.root, self.limits
+        return _Steps(*(each[min(k, len(each) - 1)] for each in parts))
 
     @property
     def steady(self) -> bool:
         """Whether all steps share them."""
-        return len(self.Q) == len(self.R) == 1
+        return len(self.A) == len(self.C) == len(self.Q) == len(self.R) == 1
 
 
 class _Covariances:
@@ -270,10 +302,10 @@ class _Covariances:
     there P is carried as a square root.
     """
 
-    def __init__(self, A: Array, C: Array, P: Array, root: Array) -> None:
-        self.A, self.C, self.P = A, C, P
+    def __init__(self, P: Array, root: Array) -> None:
+        self.P = P
         self._root: Array | None = root
-        self._before: tuple[Array, Array] | None = None
+        self._before: tuple[Array, _Steps] | None = None
         # where P comes back to what it was, to the last bit, so does all that follows
         self._known: dict[bytes, tuple[_Step, Array, Array | None]] = {}
 
@@ -281,104 +313,128 @@ class _Covariances:
     def start(cls, model: ErrorModel, initial_covariance: ArrayLike) -> Self:
         """Return the one of all filters before the first of steps, P_0 (n, n)."""
         P = covariance("initial_covariance", initial_covariance, model.A.shape)[None]
-        return cls(model.A, model.C, P, _root(P))
+        return cls(P, _root(P))
 
     @property
     def root(self) -> Array:
         """W (filters, n, .) with P = W W'."""
         if self._root is None:
             assert self._before is not None
-            after, driving = self._before
-            self._root = self._moved(_root(after), driving)
+            after, told = self._before
+            self._root = _moved(_root(after), told)
         return self._root
 
-    def _moved(self, root: Array, driving: Array) -> Array:
-        shape = len(root), *driving.shape
-        return np.concatenate([np.broadcast_to(driving, shape), self.A @ root], axis=2)
-
-    def step(self, here: Mask, noise: _Noise, k: int) -> _Step:
+    def step(self, here: Mask, steps: _Steps, k: int) -> _Step:
         """Return K, I - K C, P, P+ and C P C' + R of a step, and go on to the next prediction.
 
         The pattern is `here`, (filters, m).
         """
-        driving = noise.at(k)[1]
-        if len(self.P) == 1 and noise.steady:
+        now = steps.at(k)
+        if len(self.P) == 1 and steps.steady:
             root = b"" if self._root is None else self._root.tobytes()
             key = here.tobytes() + self.P.tobytes() + root
-            found = self._known.pop(key, None) or self._step(here, *noise.at(k))
+            found = self._known.pop(key, None) or self._step(here, now)
             self._known[key] = found
             if len(self._known) > _REMEMBERED:
                 del self._known[next(iter(self._known))]
         else:
-            found = self._step(here, *noise.at(k))
+            found = self._step(here, now)
         told, ahead, self._root = found
-        self.P, self._before = ahead, (told[3], driving)
+        self.P, self._before = ahead, (told[3], now)
         return told
 
-    def gains(self, there: Mask, noise: _Noise) -> Array:
+    def gains(self, there: Mask, steps: _Steps) -> Array:
         """Return K and I - K C beside it, (steps, n, m + n), of one filter, and go on.
 
         The pattern of each step is `there`, (steps, m).
         """
-        (m, n), saves, k = self.C.shape, _SAVED * len(there), 0
+        (m, n), saves, k = steps.C.shape[1:], _SAVED * len(there), 0
         run = choose("kalman_gains", _gains, saves=saves)
         found = np.empty((len(there), n, m + n))
         while k < len(there):
-            if noise.steady:
-                Q, driving, R, _, limits = map(_contiguous, noise.at(k))
-                A, C, P = map(_contiguous, (self.A, self.C, self.P[0]))
+            if steps.steady:
+                now = steps.at(k)
+                parts = now.A, now.C, now.Q, now.R, now.limits, self.P[0]
+                A, C, Q, R, limits, P = map(_contiguous, parts)
                 done, P, after, certain = run(A, C, Q, R, limits, P, there[k:], found[k:])
                 if certain:
                     raise certain_innovation()
                 if done:
-                    self.P, self._before, self._root = P[None], (after[None], driving), None
+                    self.P, self._before, self._root = P[None], (after[None], now), None
                 k += done
             if k < len(there):
-                gain, keep, *_ = self.step(there[k : k + 1], noise, k)
+                gain, keep, *_ = self.step(there[k : k + 1], steps, k)
                 found[k] = np.hstack([gain[0], keep[0]])
                 k += 1
         return found
 
-    def _step(
-        self, here: Mask, Q: Array, driving: Array, R: Array, noise: Array, limits: Array
-    ) -> tuple[_Step, Array, Array | None]:
+    def _step(self, here: Mask, now: _Steps) -> tuple[_Step, Array, Array | None]:
         """Return what `step` does, and the next P with its square root where it is needed."""
         root = None
-        S = self.C @ self.P @ self.C.T + R
-        if (S.diagonal(axis1=1, axis2=2) > limits).any():  # what is missing may come next
-            gain, after, root = _updated_root(self.C, self.root, noise, here)
-            keep = np.eye(len(self.A)) - gain @ self.C
-            root = self._moved(root, driving)
+        S = now.C @ self.P @ now.C.T + now.R
+        if (S.diagonal(axis1=1, axis2=2) > now.limits).any():  # what is missing may come next
+            gain, after, root = _updated_root(now.C, self.root, now.root, here)
+            keep = np.eye(len(now.A)) - gain @ now.C
+            root = _moved(root, now)
         else:
-            gain, keep, after = updated(self.C, self.P, S, R, here)
-        return (gain, keep, self.P, after, S), self.A @ after @ self.A.T + Q, root
+            gain, keep, after = updated(now.C, self.P, S, now.R, here)
+        return (gain, keep, self.P, after, S), now.A @ after @ now.A.T + now.Q, root
+
+
+def _moved(root: Array, told: _Steps) -> Array:
+    """Return the square root (filters, n, .) of the prediction, from that of the estimate."""
+    driving = np.broadcast_to(told.driving, (len(root), *told.driving.shape))
+    return np.concatenate([driving, told.A @ root], axis=2)
 
 
 def _run(
-    covariances: _Covariances, noise: _Noise, there: Mask, y: Array, x: Array, predicted: bool
+    covariances: _Covariances,
+    steps: _Steps,
+    there: Mask,
+    y: Array,
+    x: Array,
+    predicted: bool,
+    known: Array | None = None,
 ) -> tuple[Array, Array, _Covariances]:
     """Return the states (steps, n, runs), and the prediction after them with its covariances."""
     if there.shape[2] > 1 or len(covariances.P) > 1:
-        return _run_each(covariances, noise, np.broadcast_to(there, y.shape), y, x, predicted)
-    A, C = covariances.A, covariances.C
+        added = np.zeros((1, len(x), 1)) if known is None else known
+        return _run_each(
+            covariances, steps, np.broadcast_to(there, y.shape), y, x, predicted, added
+        )
     # one gain for all runs
-    gains, keeps = np.split(covariances.gains(there[:, :, 0], noise), [len(C)], axis=2)
-    states = _states(A, gains, keeps, y, x, predicted)
+    gains, keeps = np.split(covariances.gains(there[:, :, 0], steps), [y.shape[1]], axis=2)
+    states = _states(steps.A, gains, keeps, y, x, predicted, known)
     if predicted:
         return states[:-1], states[-1], covariances
     with np.errstate(over="ignore"):  # perhaps nobody asks for it
-        return states[1:], A @ states[-1] if len(y) else x, covariances
+        return states[1:], steps.A[-1] @ states[-1] if len(y) else x, covariances
 
 
-def _states(A: Array, gains: Array, keeps: Array, y: Array, x: Array, predicted: bool) -> Array:
+def _states(
+    A: Array,
+    gains: Array,
+    keeps: Array,
+    y: Array,
+    x: Array,
+    predicted: bool,
+    known: Array | None,
+) -> Array:
     """Return x (n, runs) and the states (steps, n, runs) that follow it, by K and I - K C.
 
-    The last one of predictions is that of the step after the last.
+    The last one of predictions is that of the step after the last. What is `known` to be added
+    enters as measurements do.
     """
     # from one estimate to the next
-    F, G = (A @ keeps, A @ gains) if predicted else (keeps @ A, gains)
+    before = A if len(A) == 1 else np.roll(A, 1, axis=0)
+    F, G = (A @ keeps, A @ gains) if predicted else (keeps @ before, gains)
     if len(y) and not predicted:
         F[0] = keeps[0]
+    if known is not None:
+        whole = np.broadcast_to(np.eye(len(x)), keeps.shape)
+        G = np.concatenate([G, whole if predicted else keeps], axis=2)
+        y = np.concatenate([y, known if predicted else np.roll(known, 1, axis=0)], axis=1)
+        y[:1, gains.shape[2] :] *= predicted
     states, c = np.empty((len(y) + 1, *x.shape)), _contiguous
     run = choose("linear_recursion", _recursion, saves=_SAVED_EACH * states[:, 0].size)
     run(c(F), c(G), c(x), c(y), states)
@@ -435,42 +491,48 @@ def _recursion(F: Array, G: Array, x: Array, y: Array, out: Array) -> None:
 
 
 def _run_each(
-    covariances: _Covariances, noise: _Noise, there: Mask, y: Array, x: Array, predicted: bool
+    covariances: _Covariances,
+    steps: _Steps,
+    there: Mask,
+    y: Array,
+    x: Array,
+    predicted: bool,
+    known: Array,
 ) -> tuple[Array, Array, _Covariances]:
     """Return what `_run` does, where each run has gains of its own.
 
     States that have nothing to do with one another, as those of two axes, are filtered apart: the
     work grows with the cube of their number.
     """
-    (steps, _, count), n, p = y.shape, len(x), noise.driving.shape[2]
-    A, C, run, c = covariances.A, covariances.C, choose("kalman_runs", _each_run), _contiguous
-    there, y, states, x_after = c(there), c(y), np.empty((steps, n, count)), np.empty(x.shape)
+    (length, _, count), n, p = y.shape, len(x), steps.driving.shape[2]
+    run, c = choose("kalman_runs", _each_run), _contiguous
+    there, y, states, x_after = c(there), c(y), np.empty((length, n, count)), np.empty(x.shape)
     P_after, W_after = np.zeros((count, n, n)), np.zeros((count, n, p + n))
-    if not steps:
+    if not length:
         return states, x, covariances
-    for some, seen in _parts(covariances, noise):
+    for some, seen in _parts(covariances, steps):
         at, to = some[:, None], seen[:, None]
         x_after[some], P, W, certain = run(
-            c(A[at, some]), c(C[to, some]), c(noise.Q[:, at, some]), c(noise.driving[:, some]),
-            c(noise.R[:, to, seen]), c(noise.root[:, seen]), c(noise.limits[:, seen]),
-            c(covariances.P[:, at, some]), c(covariances.root[:, some]), c(x[some]),
-            there, y, some, seen, predicted, states,
+            c(steps.A[:, at, some]), c(steps.C[:, to, some]), c(steps.Q[:, at, some]),
+            c(steps.driving[:, some]), c(steps.R[:, to, seen]), c(steps.root[:, seen]),
+            c(steps.limits[:, seen]), c(covariances.P[:, at, some]), c(covariances.root[:, some]),
+            c(x[some]), there, y, c(known[:, some]), some, seen, predicted, states,
         )  # fmt: skip
         if certain:
             raise certain_innovation()
         P_after[:, at, some] = P
         W_after[:, some, :p] = W[:, :, :p]
         W_after[:, at, p + some] = W[:, :, -len(some) :]
-    return states, x_after, _Covariances(A, C, P_after, W_after)
+    return states, x_after, _Covariances(P_after, W_after)
 
 
-def _parts(covariances: _Covariances, noise: _Noise) -> list[tuple[Indices, Indices]]:
+def _parts(covariances: _Covariances, steps: _Steps) -> list[tuple[Indices, Indices]]:
     """Return the states and the outputs of each part of a filter that stands alone."""
-    m, n = covariances.C.shape
+    m, n = steps.C.shape[1:]
     tied = np.eye(n + m, dtype=bool)
-    for X in (covariances.A[None], covariances.P, noise.Q):
+    for X in (steps.A, covariances.P, steps.Q):
         tied[:n, :n] |= (X != 0).any(axis=0)
-    tied[n:, :n], tied[n:, n:] = covariances.C != 0, (noise.R != 0).any(axis=0)
+    tied[n:, :n], tied[n:, n:] = (steps.C != 0).any(axis=0), (steps.R != 0).any(axis=0)
     tied |= tied.T
     for _ in range((n + m).bit_length()):  # who is tied to whom by others, twice as many each time
         tied = tied @ tied
@@ -480,12 +542,13 @@ def _parts(covariances: _Covariances, noise: _Noise) -> list[tuple[Indices, Indi
 
 def _each_run(
     A: Array, C: Array, Q: Array, driving: Array, R: Array, noise: Array, limits: Array, P: Array,
-    W: Array, x: Array, there: Mask, y: Array, states: Indices, outputs: Indices, predicted: bool,
-    out: Array,
+    W: Array, x: Array, there: Mask, y: Array, known: Array, states: Indices, outputs: Indices,
+    predicted: bool, out: Array,
 ) -> tuple[Array, Array, Array, bool]:  # fmt: skip
     """Run the filter where each run has gains of its own, and fill its `states` in `out`.
 
-    The noise is that of `_Noise`, its roots of any width; P (1 or runs, n, n) has the square roots
+    The first seven are those of `_Steps`, roots of any width, and `known` (1 or steps, n, 1 or
+    runs) is added to each prediction; P (1 or runs, n, n) has the square roots
     W (1 or runs, n, .). Of the measurements, zero where they are not there, the filter has its
     `outputs`.
 
@@ -497,12 +560,12 @@ def _each_run(
     certain : bool
         Whether an innovation is, so that there is no gain; here it raises an error.
     """
-    told, covariances = _Noise(Q, driving, R, noise, limits), _Covariances(A, C, P, W)
+    told, covariances = _Steps(A, C, Q, driving, R, noise, limits), _Covariances(P, W)
     for k, here in enumerate(np.swapaxes(there[:, outputs], 1, 2)):
         gain, keep, *_ = covariances.step(here, told, k)
         after = times(keep, x) + times(gain, y[k, outputs])
         out[k, states] = x if predicted else after
-        x = A @ after
+        x = told.at(k).A @ after + known[min(k, len(known) - 1)]
     return x, covariances.P, covariances.root, False
 
 

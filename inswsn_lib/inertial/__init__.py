@@ -1,5 +1,5 @@
 """Filters and smoothers of recordings: strapdown or dead reckoning, aided by fixes or ranges."""
 
-import lazy_loader
+from inswsn_lib.extras import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

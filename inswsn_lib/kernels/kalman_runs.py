@@ -17,12 +17,12 @@ _ZERO = 1e-14  # of a variance: what a Cholesky factor takes for zero
 
 @kernel(error_model="numpy", fastmath={"contract"})
 def kalman_runs(
-    A, C, Q, driving, R, noise, limits, P, W, x, there, y, states, outputs, predicted, out
+    A, C, Q, driving, R, noise, limits, P, W, x, there, y, known, states, outputs, predicted, out
 ):
     """Fill out with the states of all runs; arguments and results as in `filters.kalman`."""
     steps, _, runs = y.shape
     lanes = max(min(_LANES, runs), 1)
-    (m, n), wide = C.shape, max(driving.shape[2] + len(A), W.shape[2])
+    (m, n), wide = C.shape[1:], max(driving.shape[2] + A.shape[2], W.shape[2])
     x_after, P_after = np.empty((n, runs)), np.empty((runs, n, n))
     W_after = np.empty((runs, n, wide))
     now, e, here = np.zeros((n, lanes)), np.zeros((m, lanes)), np.zeros((m, lanes))
@@ -43,7 +43,8 @@ def kalman_runs(
                 for j in range(wide):
                     root[r, i, j] = W[own, i, j] if j < W.shape[2] else 0.0
         for k in range(steps):
-            q, s = min(k, len(Q) - 1), min(k, len(R) - 1)
+            q, s, a_k = min(k, len(Q) - 1), min(k, len(R) - 1), min(k, len(A) - 1)
+            C_k = C[min(k, len(C) - 1)]
             if predicted:
                 for i in range(n):
                     for r in range(count):
@@ -55,12 +56,12 @@ def kalman_runs(
                 for r in range(count, lanes):
                     here[i, r], e[i, r] = here[i, count - 1], e[i, count - 1]
                 for j in range(n):
-                    c = C[i, j]
+                    c = C_k[i, j]
                     if c != 0.0:
                         for r in range(lanes):
                             e[i, r] -= c * now[j, r]
-            _times(C, prior, seen)
-            _times_transposed(seen, C, R[s], S)
+            _times(C_k, prior, seen)
+            _times_transposed(seen, C_k, R[s], S)
             far[:], any_far = False, False
             for i in range(m):
                 for r in range(lanes):
@@ -70,14 +71,16 @@ def kalman_runs(
                     for i in range(m):
                         far[r] |= S[i, i, r] > limits[s, i]
                     if far[r] and not rooted[r]:
-                        _predicted_root(A, after, driving[max(min(k, len(Q)) - 1, 0)], root[r], r)
+                        q_before = max(min(k, len(driving)) - 1, 0)
+                        A_before = A[max(min(k, len(A)) - 1, 0)]
+                        _predicted_root(A_before, after, driving[q_before], root[r], r)
             certain |= _solve(S, seen, here, gain)
-            _joseph(C, R[s], prior, gain, keep, work, seen, after)
+            _joseph(C_k, R[s], prior, gain, keep, work, seen, after)
             if any_far:
                 for r in range(lanes):
                     if far[r]:
-                        certain |= _updated_root(C, noise[s], here, root[r], gain, after, r)
-                        _moved_root(A, driving[q], root[r])
+                        certain |= _updated_root(C_k, noise[s], here, root[r], gain, after, r)
+                        _moved_root(A[a_k], driving[q], root[r])
             rooted[:] = far
             for a in range(m):
                 for i in range(n):
@@ -87,20 +90,21 @@ def kalman_runs(
                 for i in range(n):
                     for r in range(count):
                         out[k, states[i], first + r] = now[i, r]
-            _times(A, after, work)
-            _times_transposed(work, A, Q[q], prior)
+            _times(A[a_k], after, work)
+            _times_transposed(work, A[a_k], Q[q], prior)
             for i in range(n):
                 for r in range(lanes):
                     keep[0, i, r] = now[i, r]
             for i in range(n):
                 for r in range(lanes):
-                    now[i, r] = 0.0
+                    of_run = min(first + r, known.shape[2] - 1)
+                    now[i, r] = known[min(k, len(known) - 1), i, of_run]
                 for j in range(n):
                     for r in range(lanes):
-                        now[i, r] += A[i, j] * keep[0, j, r]
+                        now[i, r] += A[a_k, i, j] * keep[0, j, r]
         for r in range(count):
             if not rooted[r]:
-                _predicted_root(A, after, driving[min(steps, len(Q)) - 1], root[r], r)
+                _predicted_root(A[-1], after, driving[-1], root[r], r)
             for i in range(n):
                 x_after[i, first + r] = now[i, r]
                 for j in range(n):

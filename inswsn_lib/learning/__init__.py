@@ -1,5 +1,5 @@
 """Regressors that follow the interface of scikit-learn and know nothing of navigation."""
 
-import lazy_loader
+from inswsn_lib.extras import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -1,5 +1,5 @@
 """Linear matrix inequalities of the H-infinity filters, and the norms that certify them."""
 
-import lazy_loader
+from inswsn_lib.extras import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

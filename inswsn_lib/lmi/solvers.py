@@ -14,11 +14,11 @@ from typing import Any, NamedTuple, TypeVar
 
 import clarabel
 import numpy as np
-import scs
 from scipy import sparse
 
 from inswsn_lib.checks import Array, one_of
 from inswsn_lib.errors import InswsnError
+from inswsn_lib.extras import need
 from inswsn_lib.lmi.designs import InfeasibleDesignError, Solver
 
 SOLVERS = ("clarabel", "scs")
@@ -138,7 +138,7 @@ def _clarabel(
 def _scs(
     A: Any, b: Array, cost: Array, zeros: int, sizes: list[int]
 ) -> tuple[int, Array, Array, float]:
-    found = scs.SCS(
+    found = need("scs", 'The solver "scs"').SCS(
         {"A": sparse.csc_matrix(A), "b": b, "c": cost}, {"z": zeros, "s": sizes}, **_SCS
     )
     found = found.solve()

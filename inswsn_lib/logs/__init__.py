@@ -1,5 +1,5 @@
 """Logs of your own and known recordings: reading, diagnosing and judging them."""
 
-import lazy_loader
+from inswsn_lib.extras import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -5,6 +5,7 @@ Of those that are fetched the digests are checked, so that who reads them need n
 
 from __future__ import annotations
 
+import hashlib
 import os
 import warnings
 from collections.abc import Mapping
@@ -13,12 +14,8 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from inswsn_lib.errors import InswsnError
+from inswsn_lib.extras import need
 from inswsn_lib.files import DATA_VARIABLE
-
-with warnings.catch_warnings():
-    # pooch imports tqdm, which in a notebook without widgets warns on stderr
-    warnings.simplefilter("ignore")
-    import pooch
 
 #: A folder or a file, or files by their names
 Place = str | Path | Mapping[str, Path]
@@ -59,11 +56,15 @@ def locate(known: Known, cache: Path | None = None) -> dict[str, Path]:
                 raise RecordingUnavailableError(
                     f"There is no file {path}; {DATA_VARIABLE} may name a mirror that has it."
                 )
-            if pooch.file_hash(str(path)) != (digest := known.digests[name]):
+            if _digest(path) != (digest := known.digests[name]):
                 raise InswsnError(
                     f"{path} is not the original: its SHA-256 does not begin {digest[:12]}."
                 )
         return found
+    with warnings.catch_warnings():
+        # pooch imports tqdm, which in a notebook without widgets warns on stderr
+        warnings.simplefilter("ignore")
+        pooch = need("pooch", "To fetch a recording")
     store = pooch.create(
         path=(cache or pooch.os_cache("inswsn")) / place,
         base_url=f"https://raw.githubusercontent.com/{known.repository}/{known.commit}/{known.folder}/",
@@ -108,4 +109,9 @@ def pick(files: Mapping[str, Path], pattern: str) -> Path:
 
 def digests_of(*paths: Path) -> dict[str, str]:
     """Return the SHA-256 of files by their names."""
-    return {path.name: pooch.file_hash(str(path)) for path in paths}
+    return {path.name: _digest(path) for path in paths}
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

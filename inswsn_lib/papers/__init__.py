@@ -5,6 +5,6 @@ this book is therefore interval arithmetic: a statement of a paper is contradict
 own cells only if no values that round to the cells can give it.
 """
 
-import lazy_loader
+from inswsn_lib.extras import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

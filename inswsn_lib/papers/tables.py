@@ -5,12 +5,14 @@ from __future__ import annotations
 import csv
 from io import StringIO
 from pathlib import Path
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from inswsn_lib.errors import InswsnError
+from inswsn_lib.extras import need
 from inswsn_lib.files import read_text, read_yaml
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: The four error components, position then velocity
 AXES = ("rx", "ry", "vx", "vy")
@@ -88,7 +90,8 @@ def read_table(path: Path, index: str) -> pd.DataFrame:
     '0.3881'
     """
     rows = read_rows(path, index)
-    return pd.DataFrame.from_dict(rows, orient="index", dtype="str").rename_axis(index)
+    frame = need("pandas", "A table as printed").DataFrame
+    return frame.from_dict(rows, orient="index", dtype="str").rename_axis(index)
 
 
 def read_numbers(path: Path) -> dict[str, Any]:

@@ -1,5 +1,5 @@
 """The vehicle of P3: its error model, its filter, and drives, made and recorded."""
 
-import lazy_loader
+from inswsn_lib.extras import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
 from scipy.integrate import cumulative_trapezoid
 
@@ -92,8 +91,10 @@ def emulate_sensors(
     rotations, pushes, position, velocity = _on_even_grids(recording, step)
     east, north, _ = velocity.T
     speed = np.hypot(east, north)
-    known = speed >= number("hold_below", hold_below, least=0, most=float(speed.max()))
-    course = pd.Series(np.arctan2(east, north)).where(known).ffill().bfill().to_numpy()
+    slowest = number("hold_below", hold_below, least=0, most=float(speed.max()))
+    known = np.flatnonzero(speed >= slowest)
+    last = np.searchsorted(known, np.arange(len(speed)), side="right") - 1
+    course = np.arctan2(east, north)[known[np.maximum(last, 0)]]
     rng = np.random.default_rng(whole("seed", seed))
     shape = (len(position), 3, runs)
     moved = number("gps_position_sd", gps_position_sd, least=0) * rng.standard_normal(shape)

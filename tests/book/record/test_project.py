@@ -86,7 +86,8 @@ def test_one_file_says_what_the_work_is_called_and_whose_it_is(project: Project)
     assert about["version"] == cited["version"] == packaged["version"]
     assert about["names"] == ["inswsn contributors"]
     assert date.fromisoformat(about["date-released"])
-    assert "authors" not in packaged
+    assert {"authors", "urls"} <= {*packaged["dynamic"]}  # of this file, when the wheel is built
+    assert cited["keywords"] == packaged["keywords"]
     config = (project.root / "_config.yml").read_text(encoding="utf-8")
     assert not any(words in config for words in (about["title"], *about["names"]))
 

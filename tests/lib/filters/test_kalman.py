@@ -33,13 +33,20 @@ def walk(a: float = 1.0, b: float = 1.0, c: float = 1.0, d: float = 1.0) -> Erro
 
 
 def least_squares(
-    model: ErrorModel, y: np.ndarray, start: np.ndarray, P0: np.ndarray, Q: np.ndarray, R: Any
+    A: np.ndarray,
+    C: np.ndarray,
+    y: np.ndarray,
+    start: np.ndarray,
+    P0: np.ndarray,
+    Q: np.ndarray,
+    R: Any,
+    control: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the last state that fits all measurements best, by one big regression, and its P.
 
     Unknowns are all states. Rows: the first state, each transition, each measurement.
     """
-    steps, n = len(y), len(model.A)
+    steps, n = len(y), len(start)
 
     def at(k: int, block: np.ndarray) -> np.ndarray:
         row = np.zeros((len(block), n * steps))
@@ -48,12 +55,12 @@ def least_squares(
 
     rows, right, weights = [at(0, np.eye(n))], [start], [np.linalg.inv(P0)]
     for k in range(1, steps):
-        rows.append(at(k, np.eye(n)) - at(k - 1, model.A))
-        right.append(np.zeros(n))
+        rows.append(at(k, np.eye(n)) - at(k - 1, A[k - 1]))
+        right.append(control[k - 1])
         weights.append(np.linalg.inv(Q[k - 1]))
     for k, measured in enumerate(y):
         seen = ~np.isnan(measured)
-        rows.append(at(k, model.C[seen]))
+        rows.append(at(k, C[k][seen]))
         right.append(measured[seen])
         weights.append(np.linalg.inv(R[k][np.ix_(seen, seen)]))
     H, W = np.vstack(rows), block_diag(*weights)
@@ -61,9 +68,12 @@ def least_squares(
     return (P @ H.T @ W @ np.concatenate(right))[-n:], P[-n:, -n:]
 
 
-@given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(1, 3), st.floats(0, 0.9))
+@given(
+    st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(1, 3), st.floats(0, 0.9),
+    st.booleans(),
+)  # fmt: skip
 def test_it_is_least_squares_whatever_is_missing_and_changes(
-    seed: int, n: int, m: int, missing: float
+    seed: int, n: int, m: int, missing: float, moving: bool
 ) -> None:
     rng = np.random.default_rng(seed)
     model, steps, runs = random_model(rng, n, m), 6, 3
@@ -73,17 +83,63 @@ def test_it_is_least_squares_whatever_is_missing_and_changes(
     R = random_covariances(rng, m, steps)
     noise: dict[str, Any] = {"initial_covariance": P0, "process_covariance": Q,
                              "measurement_covariance": R}  # fmt: skip
-    filtered = run_kalman(model, y, initial_state=start, **noise)
-    ahead = run_kalman(model, y, initial_state=start, predicted=True, **noise)
+    A, C, control = np.array([model.A] * steps), np.array([model.C] * steps), np.zeros((6, n, runs))
+    if moving:
+        others = [random_model(rng, n, m) for _ in range(steps)]
+        A, C = np.array([each.A for each in others]), np.array([each.C for each in others])
+        control = rng.normal(size=control.shape)
+        noise |= {"A": A, "C": C}
+    added = {"control": control} if moving else {}
+    filtered = run_kalman(model, y, initial_state=start, **noise, **added)
+    ahead = run_kalman(model, y, initial_state=start, predicted=True, **noise, **added)
     assert ahead[0] == pytest.approx(start)
-    assert ahead[1:] == pytest.approx(model.A @ filtered[:-1], rel=1e-9, abs=1e-9)
+    assert ahead[1:] == pytest.approx((A @ filtered + control)[:-1], rel=1e-9, abs=1e-9)
     for run in range(runs):
-        expected, P = least_squares(model, y[:, :, run], start[:, run], P0, Q, R)
+        own = {"control": control[:, :, run]} if moving else {}
+        expected, P = least_squares(A, C, y[:, :, run], start[:, run], P0, Q, R, control[:, :, run])
         assert filtered[-1, :, run] == pytest.approx(expected, rel=1e-6, abs=1e-7)
         design = design_kalman(model, ~np.isnan(y[:, :, run]), **noise)
         assert design.filtered[-1] == pytest.approx(P, rel=1e-6, abs=1e-9)
-        alone = run_kalman(model, y[:, :, [run]], initial_state=start[:, run], **noise)
+        alone = run_kalman(model, y[:, :, [run]], initial_state=start[:, run], **noise, **own)
         assert filtered[:, :, [run]] == pytest.approx(alone, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("predicted", [False, True])
+@pytest.mark.parametrize("far", [1.0, 1e8])  # with square roots of covariances, too
+def test_matrices_of_each_step_and_a_control_compiled_and_plain(
+    monkeypatch: pytest.MonkeyPatch, far: float, predicted: bool
+) -> None:
+    """Of sines of each step; repeated, they are the model's own; B is its covariance B B'."""
+    rng, steps, runs = np.random.default_rng(5), 40, 5
+    y = rng.normal(size=(steps, 4, runs))
+    y[rng.random(y.shape) < 0.4] = np.nan
+    turns = 1 + 0.3 * np.sin(np.arange(steps))[:, None, None]
+    moving = {"A": turns * MODEL.A, "B": turns * MODEL.B, "C": MODEL.C / turns}
+    same = {name: np.array([getattr(MODEL, name)] * steps) for name in moving}
+    words: dict[str, Any] = {"initial_covariance": far * np.eye(4), "predicted": predicted}
+    control, found = rng.normal(size=(steps, 4)), []
+    for plain in "01":
+        monkeypatch.setenv("INSWSN_PLAIN", plain)
+        found += [
+            run_kalman(MODEL, y, control=control, **moving, **words),
+            run_kalman(MODEL, y, **same, **words) - run_kalman(MODEL, y, **words),
+        ]
+    B = moving.pop("B")
+    given = run_kalman(
+        MODEL, y, control=control, process_covariance=B @ np.swapaxes(B, 1, 2), **moving, **words
+    )
+    assert found[2] == pytest.approx(found[0], rel=1e-6, abs=1e-7)
+    assert given == pytest.approx(found[0], rel=1e-6, abs=1e-7)
+    assert np.abs(found[1::2]).max() < 1e-7
+
+
+def test_matrices_that_do_not_fit_the_steps_are_refused() -> None:
+    for name in "ABC":
+        wrong = np.array([getattr(MODEL, name)] * 3)
+        with pytest.raises(ParameterError, match=rf"^{name} must be"):
+            run_kalman(MODEL, np.zeros((4, 4)), initial_covariance=np.eye(4), **{name: wrong})
+    with pytest.raises(ParameterError, match=r"^control must be"):
+        run_kalman(MODEL, np.zeros((4, 4)), initial_covariance=np.eye(4), control=np.zeros((4, 1)))
 
 
 def test_gains_and_covariances_of_a_walk_are_ratios_of_fibonacci_numbers() -> None:
@@ -251,8 +307,8 @@ def test_states_that_have_nothing_to_do_with_one_another_are_filtered_apart() ->
         A=A[np.ix_(order, order)], B=B[order], C=C[:, order], D=np.eye(3), period=0.2
     )
     y = np.where(rng.random((30, 3, 40)) < 0.3, np.nan, rng.normal(size=(30, 3, 40)))
-    noise = kalman._Noise.of(mixed, None, None)
-    parts = kalman._parts(kalman._Covariances.start(mixed, np.eye(5)), noise)
+    told = kalman._Steps.of(mixed, None, None)
+    parts = kalman._parts(kalman._Covariances.start(mixed, np.eye(5)), told)
     assert sorted((len(states), len(outputs)) for states, outputs in parts) == [
         (1, 0),
         (2, 1),
