@@ -251,7 +251,7 @@ def test_the_steps_of_the_container_in_a_fresh_folder(root: Path, tmp_path: Path
             subprocess.run(rest, shell=True, cwd=folder, check=True)
             made.append(rest)
     assert made[0].startswith("make environment")
-    said = {word: rest for word, rest in steps}
+    said = dict(steps)
     volumes = {folder.parent / name[1:] for name in json.loads(said["VOLUME"])}
     for path in (folder, *folder.rglob("*")):
         if path not in volumes and not path.is_symlink():

@@ -91,8 +91,7 @@ class Volume:
 def volumes(project: Project) -> list[Volume]:
     """Return the volumes of the book, as its table of contents has parts and pages.
 
-    Chapters are in the first, the part with the page of claims is the second. The article is printed
-    alone.
+    Chapters are in the first, the part with the page of claims is the second. The article is alone.
     """
     toc, version = read_yaml(project.root / "book" / "_toc.yml"), project.about()["version"]
     held: dict[str, list[tuple[str, list[str]]]] = {name: [] for name in TITLES}
