@@ -212,6 +212,16 @@ def test_the_outline_is_the_table_of_contents(printed: list[Printed]) -> None:
                 assert word in plain(one.sheets[sheet]), (title, sheet)
 
 
+def test_the_table_of_contents_tells_the_sheet_of_each_page(printed: list[Printed]) -> None:
+    several = [one for one in printed if len(one.volume.pages) > 1]
+    assert several
+    for one in several:
+        begins = {page: one.places[f"@{page}"] for page in one.volume.pages}
+        contents = plain("".join(one.sheets[: min(begins.values())]))
+        for page, article in one.articles.items():
+            assert f"{plain(article.h1.get_text())}{begins[page] + 1}" in contents, page
+
+
 def test_sheets_are_numbered_and_none_is_blank(printed: list[Printed]) -> None:
     for one in printed:
         for number, text in enumerate(one.sheets, start=1):
