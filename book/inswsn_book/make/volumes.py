@@ -223,7 +223,8 @@ def _document(
 <header class="volume{" alone" if alone else ""}"><p class="title">{escape(about["title"])}</p>
 <p class="subtitle">{escape(volume.title)}</p>
 <p>{escape("; ".join(about["names"]))}</p>
-<p>Version {escape(about["version"])}, {about["date-released"]}. {escape(footer(project))} Folded code is in the notebooks.</p>
+<p>Version {escape(about["version"])}, {about["date-released"]}. {escape(footer(project))}
+Folded code is in the notebooks.</p>
 <nav>{"" if alone else "".join(contents)}</nav><div hidden>{links}</div></header>
 {"".join(body)}
 </div></div></main></body></html>
