@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import tarfile
+import tempfile
 import time
 import tomllib
 from collections.abc import Iterable, Iterator
@@ -234,14 +235,20 @@ def test_one_that_is_stopped_leaves_the_folder_of_an_earlier_version(checkout: C
 
 @pytest.mark.whole
 @pytest.mark.long
-def test_the_steps_of_the_container_in_a_fresh_folder(root: Path, tmp_path: Path) -> None:
+def test_the_steps_of_the_container_in_a_fresh_folder(root: Path) -> None:
     """As a builder takes them, but for Debian's packages and its user, which this machine has.
 
     Then the command runs where nothing can be written but in the volumes.
     """
+    with tempfile.TemporaryDirectory() as above:  # which anybody may read, as no folder of pytest
+        Path(above).chmod(0o755)
+        take_the_steps(root, Path(above))
+
+
+def take_the_steps(root: Path, above: Path) -> None:
     text = (root / "Containerfile").read_text(encoding="utf-8")
     steps = [line.split(" ", 1) for line in text.splitlines() if not line.startswith("#")]
-    folder, settings, made = tmp_path / "inswsn", dict[str, str](), list[str]()
+    folder, settings, made = above / "inswsn", dict[str, str](), list[str]()
     for word, rest in steps:
         if word == "COPY":
             subprocess.run(["git", "clone", "--quiet", root, folder], check=True)
