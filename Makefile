@@ -126,11 +126,19 @@ licences: environment ## list the licences of what the locks pin in THIRD-PARTY-
 tag: ## tell whether TAG=v2.0.0 names this version
 	@.ci/release check
 
-assets: archive pdf ## gather the files of a release in _build/release
+wheels: environment ## build the wheels of both packages in _build/wheels; twine checks what they say, which needs the network
+	@rm -rf _build/wheels
+	@$(RUN) -m pip wheel --quiet --no-deps --no-build-isolation --no-index --wheel-dir _build/wheels . ./book
+	@$(call tool,twine)
+	@$(call sees,twine)
+	@_build/twine/bin/python -m twine --no-color check _build/wheels/*
+
+assets: archive pdf wheels ## gather the files of a release in _build/release
 	@.ci/release gather
 
-release: ## publish _build/release as release TAG=v1.0.0 on the public host, by its command gh
-	@.ci/release publish
+# A workflow tests, builds, gathers and publishes in jobs of its own.
+release: ## test all, build all, gather it in _build/release; PUBLISH=1 TAG=v3.0.0 publishes what was gathered, by gh
+	@.ci/release $(if $(PUBLISH),publish,all)
 
 report: ## say in an issue on the public host that the weekly run failed, by its command gh
 	@.ci/report
@@ -161,4 +169,4 @@ help: ## list the targets
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: book test library serve lab notebooks publish archive sphinx calibrate recorded studies spoilt elsewhere bench wasm live pdf mutants trials licences lock upgrade tag assets release report actionlint audit format environment clean help
+.PHONY: book test library serve lab notebooks publish archive sphinx calibrate recorded studies spoilt elsewhere bench wasm live pdf wheels mutants trials licences lock upgrade tag assets release report actionlint audit format environment clean help

@@ -5,12 +5,14 @@ from __future__ import annotations
 import ast
 import inspect
 import io
+import json
 import os
 import re
 import signal
 import subprocess
 import sys
 import tarfile
+import tempfile
 import time
 import tomllib
 from collections.abc import Iterable, Iterator
@@ -21,6 +23,7 @@ from pathlib import Path
 
 import environment
 import pytest
+from conftest import unprivileged
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
@@ -288,3 +291,43 @@ def test_one_that_is_stopped_leaves_the_folder_of_an_earlier_version(checkout: C
     assert checkout.installed() == "1"
     assert (checkout.folder / ".venv").is_symlink()
     assert len({p.name for p in checkout.made.iterdir()} - {"pip"}) == 2
+
+
+@pytest.mark.whole
+@pytest.mark.long
+def test_the_steps_of_the_container_in_a_fresh_folder(root: Path) -> None:
+    """As a builder takes them, but for Debian's packages and its user, which this machine has.
+
+    Then the command runs where nothing can be written but in the volumes.
+    """
+    with tempfile.TemporaryDirectory() as above:  # which anybody may read, as no folder of pytest
+        Path(above).chmod(0o755)
+        take_the_steps(root, Path(above))
+
+
+def take_the_steps(root: Path, above: Path) -> None:
+    text = (root / "Containerfile").read_text(encoding="utf-8")
+    steps = [line.split(" ", 1) for line in text.splitlines() if not line.startswith("#")]
+    folder, settings, made = above / "inswsn", dict[str, str](), list[str]()
+    for word, rest in steps:
+        if word == "COPY":
+            subprocess.run(["git", "clone", "--quiet", root, folder], check=True)
+        elif word == "ENV":
+            settings |= dict(each.split("=", 1) for each in rest.split())
+        elif word == "RUN" and not rest.startswith(("apt-get ", "useradd ")):
+            subprocess.run(rest, shell=True, cwd=folder, check=True)
+            made.append(rest)
+    assert made[0].startswith("make environment")
+    said = dict(steps)
+    volumes = {folder.parent / name[1:] for name in json.loads(said["VOLUME"])}
+    for path in (folder, *folder.rglob("*")):
+        if path not in volumes and not path.is_symlink():
+            path.chmod(path.stat().st_mode & ~0o222)
+    settings["GIT_CONFIG_VALUE_0"] = str(folder)
+    entry = [*unprivileged(), *json.loads(said["ENTRYPOINT"])]
+    for words in (json.loads(said["CMD"]), ["claims", "P1-Z-01"], ["run", "62"]):
+        done = subprocess.run(
+            [*entry, *words], cwd=folder, env=os.environ | settings, capture_output=True,
+            text=True, check=False,
+        )  # fmt: skip
+        assert (done.returncode, bool(done.stdout)) == (0, True), done.stderr

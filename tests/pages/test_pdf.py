@@ -123,9 +123,9 @@ def test_the_volumes_hold_every_page_once(project: Project) -> None:
     assert sorted(page for volume in held for page in volume.pages) == sorted(listed)
     for volume in held:
         assert volume.pages == [page for page in listed if page in volume.pages]
-    first, claims, reference = held
+    first, claims, reference, article = held
     assert {page.partition("/")[0] for page in first.pages} == {"index", "chapters"}
-    assert "claims" in claims.pages
+    assert ("claims" in claims.pages, article.pages) == (True, ["article"])
     assert {"api", "notation", "bibliography"} <= {*reference.pages}
 
 
@@ -210,6 +210,16 @@ def test_the_outline_is_the_table_of_contents(printed: list[Printed]) -> None:
         for _, title, sheet in one.outline:
             for word in re.findall("[A-Za-z]{4,}", title):
                 assert word in plain(one.sheets[sheet]), (title, sheet)
+
+
+def test_the_table_of_contents_tells_the_sheet_of_each_page(printed: list[Printed]) -> None:
+    several = [one for one in printed if len(one.volume.pages) > 1]
+    assert several
+    for one in several:
+        begins = {page: one.places[f"@{page}"] for page in one.volume.pages}
+        contents = plain("".join(one.sheets[: min(begins.values())]))
+        for page, article in one.articles.items():
+            assert f"{plain(article.h1.get_text())}{begins[page] + 1}" in contents, page
 
 
 def test_sheets_are_numbered_and_none_is_blank(printed: list[Printed]) -> None:

@@ -155,7 +155,9 @@ def verdicts_text(judged: Sequence[Judged]) -> str:
 
 
 def read_verdicts(path: Path) -> dict[str, str]:
-    """Read the verdicts by id from a file of `verdicts_text`; another file is refused."""
+    """Read the verdicts by id from a file of `verdicts_text`, or of a release; else refuse it."""
+    if path.suffix == ".yaml":
+        return load_entries(path, Release).verdicts
     try:
         entries = json.loads(read_text(path, WRITTEN))
         if not isinstance(entries, list):

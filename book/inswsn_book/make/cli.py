@@ -301,8 +301,11 @@ def suggest(folder: Path) -> None:
 @click.option(
     "--execute", "names", multiple=True, metavar="NAME", help="A chapter to execute again."
 )
+@click.option("--digest", help="The SHA-256 that the list of digests has, by a release's text.")
 @click.pass_obj
-def verify(root: Path | None, path: Path | None, names: tuple[str, ...]) -> None:
+def verify(
+    root: Path | None, path: Path | None, names: tuple[str, ...], digest: str | None
+) -> None:
     """Check a checkout, an unpacked archive, or the folder of a run or a sweep.
 
     For example: inswsn verify --execute 62
@@ -316,7 +319,7 @@ def verify(root: Path | None, path: Path | None, names: tuple[str, ...]) -> None
     folder, differing = path.resolve() if path else _project(root).root, 0
     numbers = [_project(folder).find(name).id for name in names]
     with Progress() as progress:
-        for what, differences in checks(folder, numbers, progress):
+        for what, differences in checks(folder, numbers, progress, digest):
             click.echo(f"{'differs' if differences else 'good':8} {what}")
             for line in differences:
                 click.echo(f"         {line}")

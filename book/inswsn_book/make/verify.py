@@ -12,7 +12,7 @@ from inswsn_book.judge.claims import judge
 from inswsn_book.judge.review import Findings, with_reruns
 from inswsn_book.make.site import require_current_site
 from inswsn_book.record.chapter import plain
-from inswsn_book.record.files import MANIFEST, damages
+from inswsn_book.record.files import MANIFEST, damages, file_digest
 from inswsn_book.record.progress import Progress
 from inswsn_book.record.project import Project, is_checkout
 from inswsn_book.record.results import Results, read_results
@@ -28,13 +28,20 @@ _ANEW = {"INSWSN_VERIFY": "1"}
 
 
 def verify(
-    folder: Path, numbers: Sequence[str], progress: Progress
+    folder: Path, numbers: Sequence[str], progress: Progress, digest: str | None = None
 ) -> Iterator[tuple[str, list[str]]]:
     """Yield what is checked, and what differs there.
 
     The folder is a checkout, an unpacked archive, or what a run or a sweep has written. Chapters of
-    the numbers are executed anew, and held against the reference results.
+    the numbers are executed anew, and held against the reference results. Who has changed a file
+    may have changed the manifest as well: its own SHA-256, `digest`, stands elsewhere.
     """
+    if digest is not None:
+        there = (folder / MANIFEST).is_file() and file_digest(folder / MANIFEST)
+        yield (
+            f"the list of digests, {MANIFEST}: its own",
+            ([] if there == digest.lower() else [f"it is {there or 'missing'}, not {digest}"]),
+        )
     archived = (folder / MANIFEST).exists() or (folder / "ro-crate-metadata.json").exists()
     if archived:
         yield "the folder: its digests", damages(folder)

@@ -40,7 +40,9 @@ from inswsn_lib.errors import BuildError, InswsnError
 from inswsn_lib.files import read_yaml
 
 #: What the volumes are called, by what the names of their files end in
-TITLES = {"": "Lessons and evidence", "claims": "Claims", "reference": "Reference"}
+TITLES = {
+    "": "Lessons and evidence", "claims": "Claims", "reference": "Reference", "article": "Article",
+}  # fmt: skip
 # What is of use on a screen alone, or draws there: on paper a moving figure is its still picture.
 # What a chapter was run with stands for all of them in the state of the build, on the page to cite.
 _ON_SCREEN = (
@@ -60,6 +62,11 @@ _FIT = """() => {
     formula.closest(blocks).clientWidth / formula.firstElementChild.getBoundingClientRect().width]);
   for (const [formula, share] of shares)
     if (share < 1) formula.style.fontSize = `calc(${formula.style.fontSize || "1em"} * ${share})`;
+}"""
+# Says in the table of contents on which sheet a page begins
+_NUMBERS = """(sheets) => {
+  for (const entry of document.querySelectorAll(".volume nav a"))
+    entry.nextSibling.textContent = sheets[decodeURIComponent(entry.hash.slice(1))];
 }"""
 # The width of an A4 sheet between its margins, at 96 px to the inch
 _WIDTH = round(180 / 25.4 * 96)
@@ -84,7 +91,7 @@ class Volume:
 def volumes(project: Project) -> list[Volume]:
     """Return the volumes of the book, as its table of contents has parts and pages.
 
-    Chapters are in the first, the part with the page of claims is the second.
+    Chapters are in the first, the part with the page of claims is the second. The article is alone.
     """
     toc, version = read_yaml(project.root / "book" / "_toc.yml"), project.about()["version"]
     held: dict[str, list[tuple[str, list[str]]]] = {name: [] for name in TITLES}
@@ -93,7 +100,9 @@ def volumes(project: Project) -> list[Volume]:
         pages = list(_listed(part["chapters"]))
         kind = "claims" if "claims" in pages else "reference"
         chapters = all(page.startswith("chapters/") for page in pages)
-        held["" if chapters else kind].append((part["caption"], pages))
+        held["article"] += [("Article", [page]) for page in pages if page == "article"]
+        rest = [page for page in pages if page != "article"]
+        held["" if chapters else kind].append((part["caption"], rest))
     return [
         Volume("-".join(filter(None, ["inswsn", version, name])) + ".pdf", TITLES[name], parts)
         for name, parts in held.items()
@@ -194,7 +203,9 @@ def _document(
     head.append(f'<link rel="stylesheet" href="{Path(__file__).with_name("volume.css").as_uri()}">')
     contents, body, places = [], [], list(named)
     for number, (caption, pages) in enumerate(volume.parts):
-        entries = "".join(f'<li><a href="#@{p}">{_title(articles[p])}</a></li>' for p in pages)
+        entries = "".join(
+            f'<li><a href="#@{p}">{_title(articles[p])}</a><span></span></li>' for p in pages
+        )
         contents.append(f"<p>{escape(caption)}</p><ul>{entries}</ul>")
         part = f'<p class="part" id="part-{number}">{escape(caption)}</p>'
         places.append(f"part-{number}")
@@ -203,16 +214,18 @@ def _document(
             part = ""
             places += [str(h["id"]) for h in articles[page].select("h1[id], h2[id]")]
     links = "".join(f'<a href="#{escape(place)}"></a>' for place in places)
+    alone = len(volume.pages) == 1
     return f"""<!doctype html>
 <html lang="en" data-theme="light" data-mode="light">
 <head><meta charset="utf-8"><title>{escape(about["title"])}: {escape(volume.title)}</title>
 {"".join(head)}</head>
 <body><main class="bd-main"><div class="bd-content"><div class="bd-article-container">
-<header class="volume"><p class="title">{escape(about["title"])}</p>
+<header class="volume{" alone" if alone else ""}"><p class="title">{escape(about["title"])}</p>
 <p class="subtitle">{escape(volume.title)}</p>
 <p>{escape("; ".join(about["names"]))}</p>
-<p>Version {escape(about["version"])}, {about["date-released"]}. {escape(footer(project))}</p>
-<nav>{"".join(contents)}</nav><div hidden>{links}</div></header>
+<p>Version {escape(about["version"])}, {about["date-released"]}. {escape(footer(project))}
+Folded code is in the notebooks.</p>
+<nav>{"" if alone else "".join(contents)}</nav><div hidden>{links}</div></header>
 {"".join(body)}
 </div></div></main></body></html>
 """
@@ -252,9 +265,18 @@ def _print(browser: Browser, source: Path, target: Path) -> list[tuple[int, str,
         raise BuildError(f"A PDF lacks {failed[0]}, which could not be loaded.")
     page.evaluate(_FIT)
     outline: list[tuple[int, str, str]] = page.evaluate(_OUTLINE)
-    page.pdf(path=target, format="A4", tagged=True, print_background=True)
+    for _ in range(2):  # once to know the sheets, which the table of contents then tells
+        page.pdf(path=target, format="A4", tagged=True, print_background=True)
+        page.evaluate(_NUMBERS, _sheets(PdfReader(target)))
     page.close()
     return outline
+
+
+def _sheets(reader: PdfReader) -> dict[str, int]:
+    """Return the number of the sheet on which each place is that has a name."""
+    numbers = {page.indirect_reference: n for n, page in enumerate(reader.pages, start=1)}
+    places = reader.named_destinations.items()
+    return {name.removeprefix("/"): numbers[place.page] for name, place in places}
 
 
 def _finish(path: Path, outline: Sequence[tuple[int, str, str]], about: Mapping[str, Any]) -> None:
@@ -262,13 +284,12 @@ def _finish(path: Path, outline: Sequence[tuple[int, str, str]], about: Mapping[
     writer = PdfWriter(path, incremental=True)
     above: list[IndirectObject] = []
     reader = PdfReader(path)
-    places = reader.named_destinations
-    sheets = {page.indirect_reference: number for number, page in enumerate(reader.pages)}
+    places, sheets = reader.named_destinations, _sheets(reader)
     for level, title, name in outline:
         place = places[f"/{name}"]
         del above[level:]
         above.append(writer.add_outline_item(
-            title=title, page_number=sheets[place.page], parent=above[-1] if above else None,
+            title=title, page_number=sheets[name] - 1, parent=above[-1] if above else None,
             fit=Fit.xyz(place.left, place.top), is_open=level == 0,
         ))  # fmt: skip
     for page in writer.pages:

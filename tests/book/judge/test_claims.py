@@ -121,6 +121,19 @@ def test_the_verdicts_of_a_release_are_of_claims_that_there_are(listed: list[dic
         assert set(release.verdicts) <= ids
 
 
+def test_the_changes_since_a_release_are_those_that_are_listed(
+    project: Project, inswsn: Command
+) -> None:
+    folder = project.root / "data/verdicts"
+    done = inswsn(project.root, "claims", "--against", str(folder / "2.0.0.yaml"))
+    changed = [line.partition(":")[0] for line in done.stdout.splitlines() if "absent" not in line]
+    told = (folder / "changes.md").read_text("utf-8").split("## 3.0.0")[1].split("## 2.0.0")[0]
+    lists = [line.rpartition(": ")[2] for line in told.splitlines() if line.startswith("- ")]
+    assert sorted(re.findall(r"P\d[-.\w]*\w", " ".join(lists))) == sorted(changed)
+    counts = [int(number) for number in re.findall(r"\*, (\d+) \(", told)]
+    assert sum(counts) == len(changed)
+
+
 def test_verdicts_are_compared_with_those_of_another_version(
     project: Project, inswsn: Command, listed: list[dict], tmp_path: Path
 ) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import zipfile
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
@@ -90,6 +91,31 @@ def test_a_page_that_shows_another_number_is_told_even_if_it_is_sealed_again(
     seal_folder(archive)
     (line,) = differing(archive)
     assert said in line
+
+
+def test_a_file_that_is_changed_added_or_missing_is_told(archive: Path, inswsn: Command) -> None:
+    """Each alone, and by the digest of the list also after the folder was sealed again."""
+    listed = sha256((archive / "SHA256SUMS").read_bytes()).hexdigest()
+
+    def told(*words: str) -> list[str]:
+        said = inswsn(archive, "verify", str(archive), *words).stdout
+        return [line.strip() for line in said.splitlines() if line.startswith(" ")]
+
+    assert told("--digest", listed) == []
+    page = archive / "THIRD-PARTY.md"
+    text = page.read_bytes()
+    page.write_bytes(bytes([text[0] ^ 1]) + text[1:])
+    assert told() == ["THIRD-PARTY.md is changed"]
+    page.unlink()
+    assert told() == ["THIRD-PARTY.md is gone"]
+    page.write_bytes(text)
+    (archive / "more.txt").write_text("")
+    assert told() == ["more.txt is not listed"]
+    seal_folder(archive)
+    assert told() == []
+    (line,) = told("--digest", listed)
+    assert line.startswith("it is ")
+    assert line.endswith(f", not {listed}")
 
 
 def test_a_site_that_is_not_that_of_the_store(built: MiniProject) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from datetime import date
 from pathlib import Path
@@ -83,7 +84,16 @@ def test_one_file_says_what_the_work_is_called_and_whose_it_is(project: Project)
     cited = yaml.safe_load((project.root / "CITATION.cff").read_text(encoding="utf-8"))
     packaged = tomllib.loads((project.root / "pyproject.toml").read_text("utf-8"))["project"]
     assert (about["title"], about["license"]) == (cited["title"], packaged["license"])
-    assert about["version"] == cited["version"] == packaged["version"]
+    meta = json.loads((project.root / "codemeta.json").read_text(encoding="utf-8"))
+    assert about["version"] == cited["version"] == packaged["version"] == meta["version"]
+    assert (meta["name"], meta["dateModified"]) == (about["title"], about["date-released"])
+    assert meta["license"].endswith(f"/{about['license']}")
+    assert [author["name"] for author in meta["author"]] == about["names"]
+    assert meta["keywords"] == cited["keywords"]
+    changes = (project.root / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert (
+        f"## {about['version']} ({about['date-released']})\n\n### What you must change\n" in changes
+    )
     assert about["names"] == ["inswsn contributors"]
     assert date.fromisoformat(about["date-released"])
     assert {"authors", "urls"} <= {*packaged["dynamic"]}  # of this file, when the wheel is built
