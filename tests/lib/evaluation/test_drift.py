@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from highspy import Highs
 from hypothesis import given, settings, strategies as st
-from scipy.optimize import minimize
+from scipy.optimize import linprog, minimize
 
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.evaluation import MOTIONS, Motion, drift, drift_bound, longest_period
@@ -161,6 +161,21 @@ def test_a_solver_that_fails_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(drift, "Highs", Stopped)
     with pytest.raises(InswsnError, match="drift bound failed: Iteration limit reached"):
         drift_bound(MOTIONS[2], SAMPLES)
+
+
+def test_each_pattern_has_the_bound_that_another_solver_finds() -> None:
+    """One program serves all patterns, from answer to answer: each as if it were alone."""
+    rng = np.random.default_rng(4)
+    basis, targets = rng.normal(size=(12, 3)), rng.normal(size=(20, 3))
+    found = drift._largest_multipliers(basis, np.zeros(3), targets, (-1.0, 1.0))
+    for target, (value, weights, multipliers) in zip(targets, found, strict=True):
+        alone = linprog(
+            [*np.zeros(12), -1.0], A_eq=np.column_stack([basis.T, target]), b_eq=np.zeros(3),
+            bounds=[(-1.0, 1.0)] * 12 + [(None, None)],
+        )  # fmt: skip
+        assert value == pytest.approx(-alone.fun, rel=1e-9)
+        assert np.abs(weights @ basis + value * target).max() < 1e-9
+        assert np.abs(basis @ multipliers).sum() == pytest.approx(value, rel=1e-9)
 
 
 @pytest.mark.parametrize(

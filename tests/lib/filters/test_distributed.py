@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,7 @@ import pytest
 from random_filters import PATTERNS, gappy, random_weights
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.filters import handover_weights, patterns_of, run_distributed
+from inswsn_lib.filters import deadbeat_gain, handover_weights, patterns_of, run_distributed
 from inswsn_lib.lmi import design_filter, design_fusion
 from inswsn_lib.models import ErrorModel
 
@@ -116,9 +115,45 @@ def test_it_is_the_recursion_written_out(
         assert patterns_of(y, **links) == sorted(asked)
 
 
+def test_weights_switch_exactly_at_the_handover() -> None:
+    """With deadbeat gains a filtered estimate is the weighted mean of the data of its step."""
+    y = np.empty((2, 9, 4, 1))
+    y[0], y[1] = 1.0, 2.0
+    y[1, :3] = y[0, 6:] = np.nan
+    y[:, 8] = np.nan
+    quarter = np.stack([0.25 * np.eye(4), 0.75 * np.eye(4)])
+    weights = {(True, True): quarter, (True, False): ALONE, (False, True): ALONE[::-1]}
+    filters = [(MODEL, deadbeat_gain(MODEL))] * 2
+    found = run_distributed(filters, y, weights=weights)
+    expected = np.repeat([1, 1, 1, 1.75, 1.75, 1.75, 2, 2], 4).reshape(8, 4)
+    assert found[:8, :, 0] == pytest.approx(expected)
+    assert found[8] == pytest.approx(MODEL.A @ found[7])  # none hears the node
+    # margins 1 and 1/3 take both to a half, and margin 0 is no weight
+    margins = np.array([[1] * 9, [1 / 3] * 4 + [0] * 5])
+    fading = run_distributed(filters, y, weights=weights, handover="fading", margins=margins)
+    assert fading[3:6, 0, 0] == pytest.approx([1.5, 1, 1])
+
+
+def test_constant_weights_grow_without_bound_where_a_restart_does_not() -> None:
+    """The truth moves at 1 m/s from rest at 0 as known; only the first cluster hears it.
+
+    The deaf one stays at 0, so that its position error is the time, and the fused error half of it.
+    """
+    steps, period = 1000, 0.2
+    truth = np.zeros((steps, 4, 1))
+    truth[:, 2:] = 1.0
+    truth[:, :2, 0] = period * np.arange(steps)[:, None]
+    y = np.stack([truth, np.full(truth.shape, np.nan)])
+    designs = [(MODEL, deadbeat_gain(MODEL))] * 2
+    weights = {(True, True): np.stack([0.5 * np.eye(4)] * 2), (True, False): ALONE}
+    found = run_distributed(designs, y, weights=weights, handover="constant")
+    assert found[:, :2] == pytest.approx(0.5 * truth[:, :2], abs=1e-9)
+    assert run_distributed(designs, y, weights=weights) == pytest.approx(truth, abs=1e-9)
+
+
 def test_weights_of_a_handover_are_those_of_the_clusters_that_are_heard() -> None:
     """The better cluster has more weight, and one that is alone all of it."""
-    model = replace(MODEL, A=0.9 * MODEL.A)
+    model = MODEL.contracted(0.9)
     designs = [design_filter(model.with_covariances(np.eye(4), s * np.eye(4))) for s in (1, 4, 9)]
     options: dict[str, Any] = {"margin": 0.1, "solver": "clarabel"}
     found = handover_weights(designs, iter(PATTERNS), "independent", "block", **options)

@@ -215,6 +215,17 @@ def test_zero_reset_uses_a_step_inside_an_interval_for_itself_only() -> None:
         assert found[k] == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
+def test_a_thousand_steps_of_a_marginal_model_stay_the_kalman_filter() -> None:
+    rng = np.random.default_rng(15)
+    model = ErrorModel.p1(0.02, process_noise=(1e-4, 1e-3), measurement_noise=(2.0, 0.5))
+    y = rng.normal(size=(3, 1000, 4, 2))
+    y[:, 300:600] = np.nan
+    R = np.stack([model.measurement_covariance * scale for scale in (1, 4, 0.5)])
+    P0 = np.diag([100.0, 100.0, 1.0, 1.0])
+    found = run_federated(model, y, measurement_covariance=R, initial_covariance=P0)
+    assert found == pytest.approx(of_all_data(model, y, R, initial_covariance=P0), abs=1e-8)
+
+
 @pytest.mark.parametrize(
     ("name", "changed"),
     [

@@ -8,6 +8,7 @@ from random_filters import PATTERNS, gappy, random_model
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.filters import deadbeat_gain, run_hinfinity, run_switched
+from inswsn_lib.lmi import design_filter
 from inswsn_lib.models import ErrorModel
 
 MODEL = ErrorModel.p1(0.2)
@@ -40,6 +41,17 @@ def test_it_is_the_recursion_of_p1_with_gaps() -> None:
         assert predicted[:, :, run] == pytest.approx(np.array(states[:-1]), abs=1e-10)
         undone = np.linalg.solve(model.A, np.array(states[1:]).T).T
         assert filtered[:, :, run] == pytest.approx(undone, abs=1e-9)
+
+
+def test_a_design_is_its_model_and_gain() -> None:
+    design = design_filter(MODEL)
+    found = run_hinfinity(design, Y, predicted=True)
+    assert not found[0].any()
+    for k in range(11):
+        ahead = design.A_f @ found[k] + design.gain @ Y[k]
+        assert found[k + 1] == pytest.approx(ahead, abs=1e-12)
+    pair = run_hinfinity((MODEL, design.gain), Y)
+    assert run_hinfinity(design, Y) == pytest.approx(pair, abs=1e-12)
 
 
 def test_deadbeat_carries_the_last_measurement_on() -> None:

@@ -1,15 +1,22 @@
-"""Informations side by side: what is too large to be kept, and what is refused."""
+"""Informations side by side: inverses against LAPACK, and what is too large to be kept."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from random_filters import random_model
+from random_filters import random_covariances, random_model
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.filters import run_federated, run_kalman
 from inswsn_lib.filters.information import inverses
 from inswsn_lib.models import ErrorModel
+
+
+@pytest.mark.parametrize(("size", "count"), [(1, 1), (1, 5), (3, 1), (3, 5), (6, 2)])
+def test_inverses_are_those_of_each_matrix(size: int, count: int) -> None:
+    P = random_covariances(np.random.default_rng(size), size, 2, count)
+    found = inverses(np.moveaxis(P, 1, -1))
+    assert np.moveaxis(found, -1, 1) == pytest.approx(np.linalg.inv(P), rel=1e-9)
 
 
 @pytest.mark.parametrize("runs", [1, 3])

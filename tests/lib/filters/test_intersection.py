@@ -10,7 +10,7 @@ from hypothesis import given, strategies as st
 from random_filters import gappy, random_covariances
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.filters import intersect, run_fused_locals
+from inswsn_lib.filters import intersect, run_fused_locals, run_kalman
 from inswsn_lib.models import ErrorModel
 
 MODEL = ErrorModel.p1(0.2, process_noise=(0.1, 0.3), measurement_noise=(0.4, 0.2))
@@ -43,6 +43,13 @@ def test_it_bounds_the_true_covariance_whatever_the_correlations(
     F, P = fusing_matrices(claimed + excess, omega)
     assert F @ np.tile(np.eye(n), (clusters, 1)) == pytest.approx(np.eye(n), abs=1e-7)
     assert np.linalg.eigvalsh(P - F @ joint @ F.T).min() > -1e-7 * np.trace(P)
+
+
+def test_the_bound_test_would_notice_the_sum_of_informations() -> None:
+    """Two estimates with the same error: adding informations claims half of its variance."""
+    F, claimed = fusing_matrices(np.ones((2, 1, 1)), "fast")
+    assert claimed == pytest.approx(F @ np.ones((2, 2)) @ F.T)
+    assert claimed.item() == pytest.approx(1)
 
 
 def test_two_numbers_by_hand() -> None:
@@ -142,6 +149,15 @@ def test_it_is_the_recursion_written_out(rule: Any, shared: bool) -> None:
         before, after = zip(*by_hand(y[..., run], R, Q, start[:, run], rule), strict=True)
         assert predicted[:, :, run] == pytest.approx(np.array(before), rel=1e-7, abs=1e-7)
         assert filtered[:, :, run] == pytest.approx(np.array(after), rel=1e-7, abs=1e-7)
+
+
+@pytest.mark.parametrize("rule", ["intersection", "best"])
+def test_equal_data_and_noise_are_those_of_one_cluster(rule: Any) -> None:
+    """Covariance intersection counts nothing twice."""
+    y = np.repeat(gappy(np.random.default_rng(5), (1, 25, 4, 5)), 3, axis=0)
+    R = np.stack([MODEL.measurement_covariance] * 3)
+    found = run_fused_locals(MODEL, y, measurement_covariance=R, initial_covariance=P0, rule=rule)
+    assert found == pytest.approx(run_kalman(MODEL, y[0], initial_covariance=P0), abs=1e-9)
 
 
 @pytest.mark.parametrize(

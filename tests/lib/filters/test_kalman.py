@@ -1,4 +1,4 @@
-"""The Kalman filter against least squares, the Riccati equation and closed forms."""
+"""The Kalman filter against filterpy, least squares, the Riccati equation and closed forms."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 import mpmath
 import numpy as np
 import pytest
+from filterpy.kalman import KalmanFilter
 from hypothesis import given, strategies as st
 from random_filters import random_covariances, random_model
 from scipy.linalg import block_diag, solve_discrete_are, solve_discrete_lyapunov
@@ -317,3 +318,32 @@ def test_states_that_have_nothing_to_do_with_one_another_are_filtered_apart() ->
     found = run_kalman(mixed, y, initial_covariance=np.eye(5))
     one = np.eye(5) + 1e-30 * np.ones((5, 5))  # ties them all
     assert found == pytest.approx(run_kalman(plain, y, initial_covariance=one)[:, order], abs=1e-9)
+
+
+def test_it_is_filterpys_filter_with_gaps_and_all() -> None:
+    y = np.random.default_rng(13).normal(size=(40, 4, 3))
+    y[10:15] = np.nan
+    P0 = np.diag([1.0, 2.0, 0.25, 0.5])
+    ours = run_kalman(MODEL, y, initial_covariance=P0)
+    for run in range(3):
+        theirs = KalmanFilter(dim_x=4, dim_z=4)
+        theirs.F, theirs.H, theirs.P = MODEL.A, MODEL.C, P0.copy()
+        theirs.Q, theirs.R = MODEL.process_covariance, MODEL.measurement_covariance
+        for k in range(40):
+            theirs.update(None if np.isnan(y[k, 0, run]) else y[k, :, run])
+            assert ours[k, :, run] == pytest.approx(theirs.x.ravel(), abs=1e-9)
+            theirs.predict()
+
+
+def test_square_roots_are_the_same_filter(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where they are not needed, with noise that is correlated and components that are missing."""
+    rng = np.random.default_rng(8)
+    model, Q, R = random_model(rng, 3, 2), random_covariances(rng, 3), random_covariances(rng, 2)
+    y = rng.normal(size=(15, len(model.C), 6))
+    y[rng.random(y.shape) < 0.4] = np.nan
+    told = {
+        "process_covariance": Q, "measurement_covariance": R, "initial_covariance": np.eye(3),
+    }  # fmt: skip
+    plain = run_kalman(model, y, **told)
+    monkeypatch.setattr(kalman, "_FAR", 0.0)
+    assert run_kalman(model, y, **told) == pytest.approx(plain, rel=1e-9, abs=1e-12)

@@ -1,4 +1,4 @@
-"""The LS-SVM against its linear system, its optimality conditions, and kernels of a library."""
+"""The LS-SVM against a case solved by hand, its optimality conditions, and another library."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from sklearn.kernel_ridge import KernelRidge
 from sklearn.metrics.pairwise import polynomial_kernel, rbf_kernel
 
 from inswsn_lib.errors import ParameterError
@@ -40,6 +41,19 @@ def test_a_tiny_width_and_a_rank_raise_no_warning() -> None:
         LSSVMRegressor(1e-150, 1.0, degree=3, rank=5).fit(X, y)
 
 
+def test_three_points_by_hand() -> None:
+    """Linear kernel, x = -1, 0, 1, y = 0, 1, 5, eta = 1.
+
+    The mean of x is zero, so b is the mean of y, 2, and the slope is x'y / (x'x + 1/eta) = 5/3;
+    the multipliers are the residuals times eta.
+    """
+    X, y = np.array([[-1.0], [0.0], [1.0]]), np.array([0.0, 1.0, 5.0])
+    machine = LSSVMRegressor(eta=1.0, kernel="linear").fit(X, y)
+    assert machine.bias_ == pytest.approx([2])
+    assert machine.predict([[3.0]]) == pytest.approx([2 + 3 * 5 / 3])
+    assert machine.alpha_[:, 0] == pytest.approx(y - 2 - 5 / 3 * X[:, 0])
+
+
 @given(
     st.integers(0, 10**6), st.floats(0.1, 10), st.floats(1e-3, 1e3), st.sampled_from(KERNELS),
     st.integers(1, 3),
@@ -54,6 +68,28 @@ def test_the_optimality_conditions_hold(
     assert np.abs(machine.alpha_.sum(axis=0)).max() < 1e-9 * size * len(X)
     residual = y - machine.predict(X)
     assert machine.alpha_ == pytest.approx(eta * residual, abs=1e-6 * (eta + size))
+
+
+@given(st.integers(0, 10**6), st.floats(0.3, 5), st.floats(0.01, 100))
+def test_with_its_bias_taken_out_it_is_kernel_ridge(seed: int, sigma: float, eta: float) -> None:
+    X, y = data(seed)
+    machine = LSSVMRegressor(sigma, eta).fit(X, y)
+    ridge = KernelRidge(alpha=1 / eta, kernel="rbf", gamma=1 / (2 * sigma**2))
+    ridge.fit(X, y - machine.bias_)
+    new = data(seed + 1)[0]
+    assert machine.predict(new) == pytest.approx(ridge.predict(new) + machine.bias_, abs=1e-8)
+
+
+def test_a_wide_kernel_is_ridge_regression() -> None:
+    """exp(-d^2 / 2 s^2) is 1 - d^2 / 2 s^2: linear in x, with the ridge s^2 / eta."""
+    X, y = data(3, outputs=1)
+    sigma, eta = 1000.0, 1e5
+    machine = LSSVMRegressor(sigma, eta).fit(X, y)
+    centred, target = X - X.mean(axis=0), y - y.mean()
+    slope = np.linalg.solve(centred.T @ centred + sigma**2 / eta * np.eye(3), centred.T @ target)
+    far = 20 * data(4)[0]
+    by_hand = y.mean() + (far - X.mean(axis=0)) @ slope
+    assert machine.predict(far) == pytest.approx(by_hand, abs=0.02 * np.abs(by_hand).max())
 
 
 def test_a_kernel_that_is_singular_to_rounding_is_told() -> None:
@@ -101,6 +137,12 @@ def test_more_rows_than_memory_are_refused_with_a_way_out(
     )
 
 
+def test_memory_that_can_be_had_is_told_by_the_system() -> None:
+    psutil = pytest.importorskip("psutil")
+    free = lssvm._free_memory()
+    assert free == np.inf or 0 < free <= psutil.virtual_memory().total
+
+
 @pytest.mark.parametrize("kernel", KERNELS)
 @pytest.mark.parametrize("n", [128, 129, 300])
 def test_many_samples_give_what_the_bordered_system_gives(kernel: Any, n: int) -> None:
@@ -112,6 +154,18 @@ def test_many_samples_give_what_the_bordered_system_gives(kernel: Any, n: int) -
     system[1:, 1:] = kernel_matrix(X, X, kernel, 2.0, 2) + np.eye(n) / 3.0
     expected = np.linalg.solve(system, np.vstack([np.zeros((1, 2)), y]))
     assert np.vstack([machine.bias_, machine.alpha_]) == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_with_every_sample_a_pivot_a_low_rank_is_the_dense_machine(kernel: Any) -> None:
+    X, y = data(6, 200)
+    dense = LSSVMRegressor(1.0, 3.0, kernel).fit(X, y)
+    low = LSSVMRegressor(1.0, 3.0, kernel, rank=200).fit(X, y)
+    new = data(7)[0]
+    assert low.predict(new) == pytest.approx(dense.predict(new), rel=1e-9, abs=1e-10)
+    assert low.bias_ == pytest.approx(dense.bias_, rel=1e-9)
+    assert low.trace_left_ < 1e-12
+    assert low.residual_ < 1e-10
 
 
 @pytest.mark.parametrize(
@@ -149,6 +203,17 @@ def test_a_low_rank_is_the_machine_with_the_kernel_of_its_pivots() -> None:
     missed = y - b - alpha / 5.0 - K @ alpha
     residual = np.sqrt(np.mean(missed**2) / np.mean(y**2))
     assert machine.residual_ == pytest.approx(residual, rel=1e-8)
+
+
+def test_a_larger_rank_has_a_smaller_error() -> None:
+    X = data(12, 1500)[0]
+    y = np.sin(X[:, 0]) * X[:, 1]
+    dense = LSSVMRegressor(2.0, 10.0).fit(X, y)
+    machines = [LSSVMRegressor(2.0, 10.0, rank=r).fit(X, y) for r in (20, 80, 320)]
+    off = [float(np.abs(m.predict(X) - dense.predict(X)).max()) for m in machines]
+    for errors in (off, [m.trace_left_ for m in machines], [m.residual_ for m in machines]):
+        assert errors[0] > 3 * errors[1] > 9 * errors[2]
+    assert off[-1] < 1e-2
 
 
 def test_samples_that_are_alike_need_one_pivot_each() -> None:

@@ -53,6 +53,13 @@ def test_it_chooses_what_explains_most_and_solves_for_all(
     assert np.all(np.diff(network.errors_) <= 1e-9 * network.errors_[0])
 
 
+def test_with_a_neuron_for_each_sample_it_interpolates() -> None:
+    X, y = data(1)
+    network = RBFNetworkRegressor(spread=1.0).fit(X, y)
+    assert len(network.centres_) <= len(X)
+    assert network.predict(X) == pytest.approx(y, abs=1e-8)
+
+
 def test_it_stops_when_the_others_are_spanned() -> None:
     """What is left of a neuron beside those chosen, by a QR factorisation, over what it was."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -245,6 +246,14 @@ def test_a_system_that_is_not_measured_has_its_norm(kind: str, seed: int) -> Non
     assert design_filter(replace(model, C=0 * model.C)).gamma == pytest.approx(norm, rel=CLOSE)
 
 
+@settings(max_examples=10)
+@given(st.integers(0, 10**6), st.floats(1e-4, 1e4))
+def test_gamma_does_not_depend_on_units(seed: int, scale: float) -> None:
+    model, rng = draw("stable", seed), np.random.default_rng(seed)
+    other = design_filter(in_units(replace(model, L=scale * model.L), rng, 6))
+    assert other.gamma == pytest.approx(scale * design_filter(model).gamma, rel=CLOSE)
+
+
 def test_designs_exist_at_the_corners_of_a_wide_range() -> None:
     """Where the solver fails at first, other states of the same problem help."""
     for period, b, d in ((0.05, 0.1, 10.0), (0.05, 10.0, 0.1), (2.0, 10.0, 0.1)):
@@ -254,6 +263,26 @@ def test_designs_exist_at_the_corners_of_a_wide_range() -> None:
             for form in FORMS:
                 design = design_filter(model, form, margin=1e-3)
                 assert design.certificate.norm <= design.level * (1 + 1e-6)
+
+
+def test_other_states_are_tried_where_the_first_fail(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And other forms of the problem, by each solver in turn; all give the same design."""
+    model, right = positions_only(0.2), filter_design._designed
+    expected = design_filter(model)
+    asked: list[tuple[tuple[float, float], str]] = []
+
+    def broken(*given_: Any) -> FilterDesign:
+        *_, least, change, by = given_
+        asked.append(((least, change), by))
+        made = right(*given_)
+        assert made.gamma == pytest.approx(expected.gamma, rel=1e-6)
+        assert made.gain == pytest.approx(expected.gain, abs=1e-3)
+        raise InfeasibleDesignError(f"Broken {len(asked)}.")
+
+    monkeypatch.setattr(filter_design, "_designed", broken)
+    with pytest.raises(InfeasibleDesignError, match=r"^Broken 1\.$"):
+        design_filter(model, solver=("scs", "clarabel"))
+    assert asked == list(product(filter_design._ATTEMPTS, ("scs", "clarabel")))
 
 
 # Certificates -------------------------------------------------------------------------------------

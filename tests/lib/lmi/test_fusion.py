@@ -337,6 +337,39 @@ def test_weights_that_do_not_pass_are_told() -> None:
         certified(P, half, 1.3, upper=1.0011)
 
 
+def test_other_states_are_tried_where_the_first_fail(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In both states, by each solver in turn, the design is the same; the first failure is told."""
+    designs, right = random_clusters(5, 2), fusion._designed
+    expected = design_fusion(designs, "common", "block")
+    asked: list[tuple[bool, str]] = []
+
+    def broken(*given: Any) -> Any:
+        asked.append(given[-2:])
+        made = right(*given)
+        assert made.gamma == pytest.approx(expected.gamma, rel=1e-6)
+        assert made.weights == pytest.approx(expected.weights, abs=1e-3)
+        raise InfeasibleDesignError(f"Broken {len(asked)}.")
+
+    monkeypatch.setattr(fusion, "_designed", broken)
+    with pytest.raises(InfeasibleDesignError, match=r"^Broken 1\.$"):
+        design_fusion(designs, "common", "block", solver=("scs", "clarabel"))
+    assert asked == [(w, by) for w in (True, False) for by in ("scs", "clarabel")]
+
+
+@for_each_structure
+@for_each_noise
+def test_what_knows_of_the_parts_and_what_does_not_come_to_the_same(
+    noise: Noise, structure: Structure
+) -> None:
+    designs = random_clusters(31, 3)
+    structured, general = (
+        design_fusion(designs, noise, structure, solver=by) for by in ("structured", "clarabel")
+    )
+    assert (structured.solver, general.solver) == ("structured", "clarabel")
+    assert structured.gamma == pytest.approx(general.gamma, rel=1e-6)
+    assert structured.weights == pytest.approx(general.weights, abs=1e-3)
+
+
 def test_where_the_parts_are_not_solved_clarabel_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     def stopped(_: Any) -> Any:
         raise InfeasibleDesignError("It stops.")
@@ -346,6 +379,19 @@ def test_where_the_parts_are_not_solved_clarabel_is_asked(monkeypatch: pytest.Mo
     assert design_fusion(designs, structure="block").solver == "clarabel"
     with pytest.raises(InfeasibleDesignError, match=r"^It stops\.$"):
         design_fusion(designs, structure="block", solver="structured")
+
+
+@for_each_noise
+def test_the_largest_eigenvalue_of_an_arrow_is_that_of_the_whole_matrix(noise: Noise) -> None:
+    """The P of a design as its blocks, and as one matrix."""
+    designs = tuple(random_clusters(8, 3))
+    design = design_fusion(designs, noise, "block")
+    for level in (design.level, 0.9 * design.level):
+        arrow, whole = (
+            fusion._largest_eigenvalue(designs, noise, design.weights, P, level)
+            for P in (design.P, block_diag(*design.P))
+        )
+        assert arrow == pytest.approx(whole, abs=1e-12)
 
 
 #: The local filter of a position and a velocity

@@ -10,7 +10,7 @@ import pytest
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.lmi import InfeasibleDesignError
 from inswsn_lib.lmi.designs import Solver
-from inswsn_lib.lmi.solvers import Inequality, first_that_passes, in_order, solve
+from inswsn_lib.lmi.solvers import _ASKED, Inequality, first_that_passes, in_order, solve
 
 BOTH: tuple[Solver, ...] = ("clarabel", "scs")
 
@@ -61,6 +61,27 @@ def test_a_problem_without_a_solution_is_not_solved(solver: Solver) -> None:
     assert str(caught.value) == (
         "No solution of the inequality was found: the solver says infeasible."
     )
+
+
+def test_what_a_solver_says_is_taken_or_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    def saying(word: Any) -> Any:
+        monkeypatch.setitem(_ASKED, "clarabel", lambda *_: (word, np.ones(1), np.ones(1), 0.0))
+        return solve(np.ones(1), [largest(np.eye(1))], "clarabel")
+
+    assert saying("AlmostSolved").status == saying(2).status == "optimal_inaccurate"
+    for word, told in (("DualInfeasible", "unbounded"), (-7, "infeasible_inaccurate")):
+        with pytest.raises(InfeasibleDesignError, match=f"^No solution .* says {told}\\.$"):
+            saying(word)
+    with pytest.raises(InfeasibleDesignError) as caught:
+        saying("NumericalError")
+    said = "The solver failed on the inequality: clarabel says NumericalError."
+    assert str(caught.value) == said
+
+
+def test_the_order_in_which_solvers_are_asked() -> None:
+    assert in_order("scs") == ("scs",)
+    assert in_order(("scs", "clarabel")) == ("scs", "clarabel")
+    assert in_order(("clarabel", "clarabel", "scs")) == ("clarabel", "scs")
 
 
 @pytest.mark.parametrize("wrong", ["mosek", None, (), ["scs"], ("clarabel", "mosek"), ("scs", 1)])

@@ -139,6 +139,16 @@ def test_with_jitter_it_is_a_singular_value_over_all_courses(seed: int, steps: i
     assert finite_horizon_gain(A, E, B, L, steps) == pytest.approx(counted, rel=1e-8)
 
 
+def test_two_steps_by_hand() -> None:
+    """x_1 = s_0; E x_2^2 = (a^2 + e^2 + f^2) s_0^2 + 2 a s_0 s_1 + s_1^2: two noises."""
+    a, e, f = 0.5, 0.7, 0.3
+    energy = np.array([[1 + a**2 + e**2 + f**2, a], [a, 1.0]])
+    expected = np.linalg.eigvalsh(energy).max() ** 0.5
+    E = np.reshape([e, f], (2, 1, 1))
+    assert finite_horizon_gain([[a]], E, ONE, ONE, 2) == pytest.approx(expected, rel=1e-8)
+    assert finite_horizon_gain([[a]], E, ONE, ONE, 1) == pytest.approx(1)
+
+
 @settings(max_examples=20)
 @given(seed=st.integers(0, 10**6), steps=st.integers(1, 12), size=st.sampled_from([1, 1e-3, 50]))
 def test_the_worst_disturbance_attains_the_gain(seed: int, steps: int, size: float) -> None:

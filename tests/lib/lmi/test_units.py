@@ -27,6 +27,18 @@ def test_in_them_a_kalman_predictor_has_unit_covariances(seed: int, decades: flo
     assert np.linalg.norm(scaled.L, 2) == pytest.approx(1)
 
 
+def test_a_random_walk_by_hand() -> None:
+    """P = 1.618, the golden ratio, and the innovation's variance P + 1, in any unit."""
+    golden = (1 + 5**0.5) / 2
+    for unit, output in ((1.0, 1.0), (1e9, 1e-7)):
+        model = ErrorModel(A=[[1]], B=[[unit]], C=[[output / unit]], D=[[output]], period=1.0)
+        units = Units.of(model)
+        assert units.states.item() * unit == pytest.approx(golden**-0.5)
+        assert units.back.item() / unit == pytest.approx(golden**0.5)
+        assert units.outputs.item() * output == pytest.approx((golden + 1) ** -0.5)
+        assert units.seen / unit == pytest.approx(golden**0.5)
+
+
 def test_a_mode_that_grows_unseen_leaves_the_units_of_the_model() -> None:
     """There is no predictor; what is given is finite."""
     model = ErrorModel(A=np.diag([2.0, 0.5]), B=np.eye(2), C=[[0, 1]], D=[[1]], period=1.0)

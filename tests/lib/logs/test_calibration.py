@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from made_recording import ROOM, YARD, made, made_drive
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
-from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.logs import Calibration, calibrate, multilaterate_track
 from inswsn_lib.streams import Fixes, Recording, Reference
+
+Array = NDArray[np.float64]
 
 KNOWN: dict[str, Any] = {
     "clock": 0.04,
@@ -58,6 +60,16 @@ def test_all_unknowns_at_once_are_found_as_well_as_told(calibrations: list[Calib
     # the intervals are no wider than they need be
     z = np.array([errors(each) / each.deviations for each in calibrations])
     assert 0.5 < np.sqrt(np.mean(z**2)) < 1.5
+
+
+def test_the_deviations_are_useful(calibrations: list[Calibration]) -> None:
+    told = {
+        name: np.median([c.told[name][1] for c in calibrations]) for name in calibrations[0].names
+    }
+    assert told["clock"] < 0.006
+    assert told["turn z"] < 0.006
+    assert told["lever arm z"] < 0.03
+    assert all(c.after < 0.12 and c.before > 0.4 for c in calibrations)
 
 
 def test_blocks_shorter_than_errors_last_tell_too_small_deviations() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -117,6 +118,18 @@ def test_stamps_of_a_motion_in_a_smaller_unit_are_refused(
                 logs.load("csv", tmp_path)
 
 
+@pytest.mark.parametrize(("unit", "size"), [("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
+def test_one_stream_in_a_smaller_unit_is_refused(tmp_path: Path, unit: str, size: float) -> None:
+    car = drive(0, 1.0)
+    other = replace(car, fixes=replace(car.fixes, time=size * (car.fixes.time + 0.3)))
+    logs.write_csv(other, tmp_path / "new")
+    with pytest.raises(InswsnError, match=f"fixes.csv: time_s has a median step .* in {unit}, of"):
+        logs.load("csv", tmp_path / "new")
+    slow = replace(car, fixes=replace(car.fixes, time=30 * car.fixes.time))
+    logs.write_csv(slow, tmp_path / "slow")
+    assert logs.load("csv", tmp_path / "slow").fixes is not None
+
+
 def drive(seed: int, noise: float) -> Recording:
     """A car at 8 m/s that winds, with an IMU, fixes, a reference and odometry."""
     rng, time = np.random.default_rng(seed), np.arange(0, 60, 0.02)
@@ -157,6 +170,25 @@ def test_a_tag_at_rest_is_not_in_degrees(tmp_path: Path, noise: float) -> None:
     fixes = Fixes(time[::10], [11.5, 48.1, 1.0] + noise * rng.normal(size=(300, 3)))
     logs.write_csv(Recording("still", replace(right.imu, force=force), fixes=fixes), tmp_path / "a")
     assert logs.load("csv", tmp_path / "a").fixes is not None
+
+
+def test_a_description_that_is_no_mapping_is_refused(tmp_path: Path) -> None:
+    make_csv(tmp_path)
+    (tmp_path / "recording.yaml").write_text("- a walk\n")
+    with pytest.raises(InswsnError, match=r"recording.yaml: it is not a mapping; it must have"):
+        logs.load("csv", tmp_path)
+
+
+@pytest.mark.parametrize(("size", "unit"), [(0.02, None), (0.97, "g"), (9.7, None), (981, "mg")])
+def test_a_force_in_another_unit_is_refused(tmp_path: Path, size: float, unit: str | None) -> None:
+    make_csv(tmp_path)
+    path = tmp_path / "imu.csv"
+    path.write_text(re.sub(r"0.0,0.0,9.8|0.5,-0.5,9.9", f"0,0,{size}", path.read_text()))
+    if unit is None:
+        assert logs.load("csv", tmp_path).imu is not None
+        return
+    with pytest.raises(InswsnError, match=f"{size} *; it seems to be in {unit}"):
+        logs.load("csv", tmp_path)
 
 
 def test_a_folder_with_nothing_is_refused(tmp_path: Path) -> None:

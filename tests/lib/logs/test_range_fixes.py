@@ -1,4 +1,4 @@
-"""Fixes of ranges and their velocities, against closed forms and polyfit."""
+"""Fixes of ranges and their velocities, against closed forms, scipy and polyfit."""
 
 from __future__ import annotations
 
@@ -8,13 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from made_recording import ROOM, YARD
+from made_recording import ROOM, YARD, made
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.logs import multilaterate_track, slope_velocity
 from inswsn_lib.streams import Fixes, Ranges
+
+Array = NDArray[np.float64]
 
 
 def names(count: int) -> tuple[str, ...]:
@@ -57,6 +60,31 @@ def test_a_square_and_a_known_height_in_closed_form() -> None:
     found = multilaterate_track(ranges, height=1.0)
     assert found.position.shape == (1, 2)
     np.testing.assert_allclose(found.position[0], [x, y], atol=1e-6)
+
+
+def test_fixes_are_those_of_scipy() -> None:
+    """The scale of the loss is not told, but there is one with which the fixes are the same."""
+    ranges = made(3, seconds=12, noise=0.1, outliers=0.03).ranges
+    fixes = multilaterate_track(ranges, 0.5)
+    cell = np.floor((ranges.time - ranges.time[0]) / 0.5).astype(int)
+    kept = np.isfinite(fixes.position[:, 0])
+    assert kept.sum() > 20
+
+    def solved(scale: float) -> Array:
+        found = []
+        for k, place in zip(np.unique(cell)[kept], fixes.position[kept], strict=True):
+            at, r = ROOM[ranges.anchor[cell == k]], ranges.distance[cell == k]
+            found.append(
+                least_squares(
+                    lambda p, at=at, r=r: np.linalg.norm(p - at, axis=1) - r, place + 0.05,
+                    loss="soft_l1", f_scale=scale, xtol=1e-12, ftol=1e-12, gtol=1e-12,
+                ).x
+            )  # fmt: skip
+        return np.array(found)
+
+    scales = np.linspace(0.07, 0.14, 15)
+    misses = [float(np.median(np.abs(fixes.position[kept] - solved(s)))) for s in scales]
+    assert min(misses) < 1e-3 < max(misses)
 
 
 def test_what_the_geometry_cannot_tell_is_not_guessed() -> None:

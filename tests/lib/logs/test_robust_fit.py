@@ -1,12 +1,15 @@
-"""Deviations by blocks against estimates that really leave a block out."""
+"""Deviations by blocks against estimates that really leave a block out, and fits against scipy."""
 
 from __future__ import annotations
 
 import numpy as np
 from made_recording import coloured
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
-from inswsn_lib.checks import Array
 from inswsn_lib.logs.blocks import block_starts, block_sums, covariance, fit, jackknife
+
+Array = NDArray[np.float64]
 
 
 def test_blocks_are_as_long_as_asked_or_a_tenth_of_a_short_time() -> None:
@@ -55,6 +58,17 @@ class Line:
 
     def moved(self, state: Array, by: Array) -> Array:
         return np.asarray(state + by)
+
+
+def test_a_line_is_that_of_scipy() -> None:
+    rng = np.random.default_rng(2)
+    X = np.column_stack([np.ones(500), np.sin(np.arange(0, 100, 0.2))])
+    y = X @ [0.3, 1.2] + 0.1 * rng.standard_t(2, 500)
+    state, noise = fit(Line(X, y), np.zeros(2), 1.0, lambda _: np.ones(2))
+    found = least_squares(
+        lambda b: y - X @ b, [0.0, 0.0], loss="soft_l1", f_scale=noise, xtol=1e-12
+    )
+    np.testing.assert_allclose(state, found.x, atol=2e-4)
 
 
 def test_errors_that_last_are_known_of() -> None:

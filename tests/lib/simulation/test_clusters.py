@@ -101,6 +101,21 @@ def test_the_path_takes_its_time(build: Build, scene: ClusterScene) -> None:
             _ = build(period=period).motion
 
 
+def test_a_bias_of_the_body_grows_as_in_closed_form(build: Build) -> None:
+    scene = build(
+        **STRAIGHT, accelerometer_bias=[0.1, -0.05], accelerometer_noise=0, position=[1, 2],
+        velocity=[0.3, -0.1],
+    )  # fmt: skip
+    ins = scene.simulate(np.random.default_rng(1), 2)["ins"]
+    t = scene.motion.time[:, None]
+    bias = np.array([0.8 * 0.1 + 0.6 * 0.05, 0.6 * 0.1 - 0.8 * 0.05])
+    moved = np.array([1, 2]) + np.array([0.3, -0.1]) * t + bias * t**2 / 2
+    assert len(t) == 101
+    for run in range(2):
+        assert ins[:, :2, run] == pytest.approx(moved, abs=1e-9)
+        assert ins[:, 2:, run] == pytest.approx(np.array([0.3, -0.1]) + bias * t, abs=1e-9)
+
+
 def test_fixes_are_exact_without_noise_and_where_single_steps_have_one(build: Build) -> None:
     scene = build(period=0.1, noise=0)
     fixes = scene.simulate(np.random.default_rng(3), 1)["fixes"]

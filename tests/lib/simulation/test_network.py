@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import assume, given, strategies as st
+from scipy.optimize import least_squares
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.simulation import (
@@ -111,6 +112,23 @@ def test_without_noise_the_position_is_exact(
     ranges = np.hypot(*(points - truth).T)[:, None]
     assume(ranges.min() > 0.1)
     assert multilaterate([points], [ranges])[0, :, 0] == pytest.approx(truth, abs=1e-5)
+
+
+def test_it_is_the_minimum_that_another_solver_finds() -> None:
+    rng = np.random.default_rng(5)
+    ranges = measure_ranges(HEARD, TRUTH, Ranging(11.0, 2.0, dropout=0.3), rng, 40)
+    (found,) = multilaterate([HEARD], [ranges])
+    for run in range(40):
+        there = ~np.isnan(ranges[:, run])
+
+        def misses(p: np.ndarray, there: np.ndarray = there, run: int = run) -> np.ndarray:
+            return ranges[there, run] - np.hypot(*(p - HEARD[there]).T)
+
+        away = found[:, run] - HEARD[there]
+        gradient = misses(found[:, run]) @ (away / np.hypot(*away.T)[:, None])
+        assert gradient == pytest.approx([0, 0], abs=2e-5)
+        peer = least_squares(misses, TRUTH, ftol=1e-14, xtol=1e-12, gtol=1e-12).x
+        assert found[:, run] == pytest.approx(peer, abs=1e-3)
 
 
 def test_it_is_unbiased_with_the_covariance_of_theory() -> None:

@@ -103,6 +103,15 @@ def test_jitter_moves_the_samples_and_nothing_else(scene: Scene) -> None:
         assert moved.std() == pytest.approx(0.02 * steps**0.5, rel=0.25)
 
 
+def test_a_setting_moves_no_draw_but_its_own(scene: Scene) -> None:
+    other = replace(scene, ranging=replace(scene.ranging, outlier=1e-9, dropout=1e-9))
+    a, b = (s.simulate(np.random.default_rng(4), 16) for s in (scene, other))
+    for name, array in a.items():
+        assert np.array_equal(array, b[name], equal_nan=True), name
+    with pytest.raises(ParameterError, match=r"runs .* not 1\.5"):
+        scene.simulate(np.random.default_rng(4), 1.5)  # type: ignore[arg-type]
+
+
 def test_a_velocity_by_difference_is_as_noisy_as_theory_says(scene: Scene) -> None:
     rough = replace(scene, velocity_source="difference")
     drawn = monte_carlo(rough.simulate, 128, seed=4)["wsn.area1"]
