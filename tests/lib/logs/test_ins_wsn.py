@@ -231,6 +231,17 @@ def test_cells_that_do_not_fit_the_header(
         read_recording(path)
 
 
+@given(st.binary(max_size=200))
+def test_any_bytes_are_read_or_refused(
+    tmp_path_factory: pytest.TempPathFactory, content: bytes
+) -> None:
+    path = tmp_path_factory.mktemp("bytes") / "my.csv"
+    for what in (content, f"{','.join([TIME, *INS, *WSN])}\n".encode() + content):
+        path.write_bytes(what)
+        with pytest.raises(InswsnError):
+            read_recording(path)
+
+
 def walk(seconds: float, bias: float, stand: float = 0.0) -> pd.DataFrame:
     """Return a walk at 1 m/s along x with a start from rest; the INS has a bias along its way."""
     time = np.arange(0, seconds, PERIOD)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from lib.vehicle.made_drive import KNOWN, SENSORS, changed, make_drive, only
 from numpy.typing import ArrayLike
+from pyins import transform
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 from sklearn.dummy import DummyRegressor
 from sklearn.linear_model import LinearRegression
@@ -127,6 +128,20 @@ def test_who_predicts_nothing_is_the_filter(frame: Any) -> None:
     assert np.array_equal(bridge.branch.which, [0, 1, 2, 0, 1, 2])
 
 
+def test_the_better_branch_is_the_one_with_the_true_difference() -> None:
+    """Its own difference from the second module, taken off, gives the second module's position."""
+    drive, run = driven()
+    branch = replay(drive, KNOWN, run, [START], STEPS, aiding=True)
+    second = run.position[START : START + STEPS + 1]
+    size = metres(np.moveaxis(second, 2, 1))
+    truth = (np.moveaxis(branch.first - second, 2, 1) * size)[..., [1, 0]]
+
+    bridge = hybrid(Spy(truth), scaled=False).bridge(drive, run, [START], STEPS, branch=branch)
+    apart = (bridge.position - second) * np.moveaxis(size, 1, 2)
+    assert np.abs(apart[:, :2]).max() < 1e-3
+    assert np.abs((branch.first - second) * np.moveaxis(size, 1, 2))[-1, :2].max() > 0.1
+
+
 # --- simulated outages ---
 
 
@@ -143,6 +158,18 @@ def test_pairs_are_what_a_branch_and_the_run_differ_by() -> None:
         north, east = ((first - second) * metres(second))[:2]
         assert ramps.difference[k] == pytest.approx([east, north], abs=1e-6)
         assert ramps.motion[k] == pytest.approx(sensed_motion(drive)[epoch, :, which])
+
+
+def test_without_aiding_the_first_module_has_none() -> None:
+    drive, run = driven()
+    sizes = []
+    for aiding in (True, False):
+        machine = hybrid(ZERO, aiding=aiding, scaled=False)
+        ramps = machine.simulate_outages(drive, run, [START])
+        sizes.append(np.abs(ramps.difference[ramps.elapsed == 10]).mean())
+        branch = machine.bridge(drive, run, [START], STEPS).branch
+        assert np.isfinite(branch.innovations[1:, :2]).any() == aiding
+    assert sizes[1] > 1.2 * sizes[0]
 
 
 @pytest.mark.parametrize(
@@ -184,6 +211,14 @@ def test_where_the_run_ends_the_simulated_outage_ends_with_it() -> None:
     rows, others = ramps.ramp == 43, (longer.ramp == 43) & (longer.epoch <= 48)
     for name in ("epoch", "run", "elapsed", "motion", "difference"):
         assert np.array_equal(getattr(ramps, name)[rows], getattr(longer, name)[others]), name
+    # and it is the first module after compass and constraint, less the second after GPS, east first
+    first = replay(drive, KNOWN, run, [43], 5, aiding=True).first[1:]
+    second = run.position[44:]
+    for r in range(drive.runs):
+        degrees = np.array([np.rad2deg(1), np.rad2deg(1), 1.0])
+        away = transform.compute_lla_difference(first[..., r] * degrees, second[..., r] * degrees)
+        found = ramps.difference[rows & (ramps.run == r)]
+        assert found == pytest.approx(away[:, [1, 0]], rel=1e-4, abs=1e-4)
 
 
 def test_in_body_axes_the_difference_is_turned_by_the_yaw() -> None:
@@ -262,6 +297,14 @@ def test_a_start_named_twice_trains_on_each_pair_once() -> None:
     assert [m.pairs for m in bridge.machines] == [10] * 6
 
 
+@pytest.mark.parametrize("restart", ["successive", "aligned", "bank"])
+def test_starts_do_not_disturb_each_other(restart: Any) -> None:
+    drive, run = driven()
+    machine = hybrid(SelectedLSSVM(), restart=restart)
+    both, alone = (machine.bridge(drive, run, starts, STEPS) for starts in ([47, START], [47]))
+    assert np.array_equal(both.position[:, :, :3], alone.position)
+
+
 def altered(drive: Drive, since: int) -> Drive:
     """Return the drive with other data in all sensors after an epoch."""
     rng = np.random.default_rng(5)
@@ -312,6 +355,15 @@ def test_the_end_of_the_drive_is_not_known(restart: Any) -> None:
     again = machine.bridge(cut, run_vehicle_filter(cut, KNOWN), [start], STEPS)
     assert [m.pairs for m in again.machines] == [m.pairs for m in found.machines]
     assert np.array_equal(found.position, again.position)
+
+
+def test_runs_are_what_they_are_alone() -> None:
+    drive, run = driven()
+    machine = hybrid(SelectedLSSVM())
+    found = machine.bridge(drive, run, [START], STEPS)
+    alone = only(drive, [0])
+    again = machine.bridge(alone, run_vehicle_filter(alone, KNOWN), [START], STEPS)
+    assert np.array_equal(found.position[..., :1], again.position)
 
 
 # --- a regressor that has to prove itself ---

@@ -232,3 +232,23 @@ def test_what_may_not_be(settings: Settings, changes: dict[str, Any], said: str)
     with pytest.raises(InswsnError) as refused:
         plan_route(with_values(settings, **changes))
     assert str(refused.value).startswith(said)
+
+
+#: Of two routes: how many pieces, their durations (s), each times its number, the length (m), the
+#: course at the start (rad), and where the places begin (s). They hold the draws to their order,
+#: on which every simulation rests.
+KNOWN = {
+    0: (427, 323454.67, 14401.321, 0.860556, [113, 286, 476, 668, 848, 1023, 1220, 1404]),
+    7: (447, 331894.548, 15590.113, 0.785998, [107, 290, 482, 658, 855, 1030, 1215, 1400]),
+}
+
+
+@pytest.mark.parametrize("seed", KNOWN)
+def test_routes_are_what_they_were(settings: Settings, seed: int) -> None:
+    route = plan_route(settings, seed)
+    length = float(route.kinematics([route.duration]).distance[0])
+    starts = [place.start for place in route.places]
+    count = len(route.pieces)
+    spread = sum(i * piece.duration for i, piece in enumerate(route.pieces))
+    found = count, round(spread, 3), round(length, 3), round(route.course, 6), starts
+    assert found == KNOWN[seed]
