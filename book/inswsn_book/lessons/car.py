@@ -351,23 +351,21 @@ def show_learning(drive: Drive, trials: OutageTrials) -> Array:
     return np.array(played)
 
 
-def show_recorded(trials: RecordedTrials) -> tuple[dict[str, tuple[Array, Array]], float]:
+def show_recorded(trials: RecordedTrials) -> dict[str, Parts]:
     """Show the outages of the recorded drive, along and across, by what the project keeps.
 
-    Returns the errors of each method at the end of each outage, along and across, m, and the least
-    range of the heading in an outage, degrees.
+    Returns the errors of each method at the end of each outage, along and across, m.
     """
     starts, t = [int(k) for k in trials.starts], np.arange(0, 51)
     labels = {"ins": "INS alone", "kalman": "aided", "lssvm": "aided, learned"}
     methods = dict(zip(("never", "through", "lssvm"), labels, strict=True))
-    found, bends = {}, []
+    found = {}
     for i, k in enumerate(starts):
         path = trials.reference[k : k + 51]
         step = np.gradient(path, axis=0)
         moving = np.hypot(*step.T) > 1
         heading = np.arctan2(step[:, 0], step[:, 1])
         held = np.maximum.accumulate(np.where(moving, t, 0))  # as the compass holds it
-        bends.append(np.degrees(np.ptp(np.unwrap(heading[held][: LENGTH + 1]))))
         for name, m in methods.items():
             error = trials.tracks[name][:, :, i] - path
             found[m, k] = np.array(along_across(error, heading[held]))[:, : LENGTH + 1]
@@ -385,15 +383,15 @@ def show_recorded(trials: RecordedTrials) -> tuple[dict[str, tuple[Array, Array]
         "compass readings are made from the path by adding noise.",
     )
     ends = {n: np.array([found[m, k][:, LENGTH] for k in starts]).T for n, m in methods.items()}
-    return {name: (along, across) for name, (along, across) in ends.items()}, float(min(bends))
+    return {name: (along, across) for name, (along, across) in ends.items()}
 
 
 def _numbers(
     straight: NDArray[np.bool_], ends: Mapping[str, Parts], navigate: Navigate,
-    in_town: Mapping[str, Parts], least: float,
+    in_town: Mapping[str, Parts],
 ) -> Said:  # fmt: skip
     """Return what the text says of both drives."""
-    found: Said = {"recorded.least": (least, "deg", "Least range of the heading in an outage.")}
+    found: Said = {}
     for name, what in (("ins", "never"), ("aided", "through")):
         for part, where in zip(in_town[what], ("along", "across"), strict=True):
             found[f"recorded.{name}.{where}"] = rms(part), "m", "RMS after 40 s, twelve outages."
@@ -509,13 +507,11 @@ def read_p3(parameters: dict[str, float]) -> tuple[book.ChapterRecord, RecordedT
 def hold(
     record: book.ChapterRecord, drive: Drive, by_aids: Mapping[str, Parts], navigate: Navigate,
     outage: Outage, factor: Callable[..., float], size: Mapping[str, Array], played: Array,
-    in_town: Mapping[str, Parts], least: float,
+    in_town: Mapping[str, Parts],
 ) -> None:  # fmt: skip
     """Note the numbers of the text, hold its sentences against them, and write the record."""
-    for name in (
-        "factor.through-never", "factor.until-never", "methods.lssvm",
-        "recorded.factor.through-never", "recorded.factor.lssvm",
-    ):  # fmt: skip
+    named = "factor.through-never", "methods.lssvm"
+    for name in (*named, "recorded.factor.through-never", "recorded.factor.lssvm"):
         record.quote("p3-vehicle", name, ".2f")
     for said_as, name in (
         ("proven", "proven.none"), ("constraint", "ladder.share.constraint-of-aids"),
@@ -524,7 +520,7 @@ def hold(
         record.quote("p3-vehicle", name, short=said_as, unit=0.01)
     straight = turned(drive) < STRAIGHT
     ends = {aids: (along[-1], across[-1]) for aids, (along, across) in by_aids.items()}
-    said = _numbers(straight, ends, navigate, in_town, least)
+    said = _numbers(straight, ends, navigate, in_town)
     basis = {"recorded": "emulation", "free": "algebra"}
     for name, (value, unit, how) in said.items():
         record.note(name, value, unit, how, basis=basis.get(name.partition(".")[0], "simulation"))
@@ -547,7 +543,6 @@ def hold(
         "Most where the played outages were larger.": learned[".large"] > 2 * learned[".small"],
         "More often than not.": np.mean(size["lssvm"] > size["through"]) > 0.5,
         "Recorded, aids take most of the error.": aided < alone / 4,
-        "Every recorded outage holds a turn.": least > 30,
     }.items():
         record.holds(sentence, holds)
     record.write()
