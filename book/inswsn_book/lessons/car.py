@@ -391,10 +391,11 @@ def _numbers(
     in_town: Mapping[str, Parts],
 ) -> Said:  # fmt: skip
     """Return what the text says of both drives."""
-    found: Said = {}
-    for name, what in (("ins", "never"), ("aided", "through")):
-        for part, where in zip(in_town[what], ("along", "across"), strict=True):
-            found[f"recorded.{name}.{where}"] = rms(part), "m", "RMS after 40 s, twelve outages."
+    found: Said = {
+        f"recorded.{name}.{where}": (rms(part), "m", "RMS after 40 s, twelve outages.")
+        for name, what in (("ins", "never"), ("aided", "through"))
+        for part, where in zip(in_town[what], ("along", "across"), strict=True)
+    }
     every = slice(None)
     for name, at, which in (("along", 0, every), ("across", 1, every), ("straight", 0, straight)):
         ratio = rms(ends["constraint"][at][which]) / rms(ends["none"][at][which])

@@ -260,8 +260,7 @@ def show_oracle(drive: Passage, machine: Machine) -> None:
     said = {s: machine(error[:heard], y, s, 1e3)(error) for s in WIDTHS[5:]}
     shown = Moving("Fed with the answer", Slider("s", "width of the kernel", [*said], 1e3, "{:,g}"))
     for i, title, unit, end in ((1, "Position", "m", 20), (3, "Velocity", "m/s", 3)):
-        ends = {"xlim": (0, 30), "ylim": (-end, end)}
-        chart = shown.chart(f"{title} error in y", y=f"error ({unit})", **ends)
+        chart = shown.chart(title, y=f"error in y ({unit})", xlim=(0, 30), ylim=(-end, end))
         shown.draw(chart, "ins", "true", (t, error[:, i]))
         answers = {s: (t, each[:, i]) for s, each in said.items()}
         shown.draw(chart, "lssvm", "answer", partial(lambda of, s: of[s], answers))
@@ -272,10 +271,7 @@ def show_oracle(drive: Passage, machine: Machine) -> None:
 
     words = shown.number_each({"ins": "INS alone, in the outage", "lssvm": "corrected"}, number)
     shown.sentence(lambda s: f"Errors in y with the width {s:,g}: {words(s)}.")
-    shown.show(
-        "fig-l4-oracle",
-        "The input is the true error of the INS, in training and in the outage, as in P1.",
-    )
+    shown.show("fig-l4-oracle", "The input is the true error of the INS, in the outage, too.")
 
 
 def show_rivals(
