@@ -374,9 +374,7 @@ def show_recorded(trials: RecordedTrials) -> dict[str, Parts]:
     shown.draw_each(along, labels, lambda m, k: (t[: LENGTH + 1], found[m, k][0]))
     shown.draw_each(across, labels, lambda m, k: (t[: LENGTH + 1], found[m, k][1]))
     said = shown.number_each(labels, lambda m, k: f"{rms(np.hypot(*found[m, k])[1:]):.1f} m")
-    shown.sentence(
-        lambda k: f"Satellites lost at {k} s: root mean square errors over 40 s: {said(k)}."
-    )
+    shown.sentence(lambda k: f"Satellites lost at {k} s; RMS errors over 40 s: {said(k)}.")
     shown.show(
         "fig-l6-recorded",
         "The accelerometer and gyro data are recorded, and so is the path; fixes and "

@@ -262,8 +262,7 @@ def show_oracle(drive: Passage, machine: Machine) -> None:
     for i, title, unit, end in ((1, "Position", "m", 20), (3, "Velocity", "m/s", 3)):
         chart = shown.chart(title, y=f"error in y ({unit})", xlim=(0, 30), ylim=(-end, end))
         shown.draw(chart, "ins", "true", (t, error[:, i]))
-        answers = {s: (t, each[:, i]) for s, each in said.items()}
-        shown.draw(chart, "lssvm", "answer", partial(lambda of, s: of[s], answers))
+        shown.draw(chart, "lssvm", "answer", partial(lambda k, s: (t, said[s][:, k]), i))
 
     def number(method: str, s: float) -> str:
         left = error - said[s] if method == "lssvm" else error
