@@ -48,11 +48,12 @@ def authors(citation: str) -> list[dict[str, str]]:
 
 
 class PackagePage(MetadataHookInterface):
-    """Sets readme, authors and urls of the package."""
+    """Sets readme, authors and urls of either package."""
 
     def update(self, metadata: dict[str, Any]) -> None:
         """Fill what pyproject.toml says is dynamic."""
-        root = Path(self.root)
+        here = Path(self.root)
+        root = here if (here / "CITATION.cff").exists() else here.parent
         citation = (root / "CITATION.cff").read_text(encoding="utf-8")
         urls = addresses(citation)
         readme = (root / "README.md").read_text(encoding="utf-8")

@@ -53,6 +53,9 @@ def test_the_machinery_is_a_wheel_of_its_own(
     """It has the version of the science and brings the command."""
     _, names, says = build(root / "book", tmp_path)
     assert "inswsn = inswsn_book.__main__:main" in says["entry_points.txt"]
+    assert all(
+        f"\n{each}" in says["METADATA"] for each in ("Author: ", "Project-URL: P1", "# inswsn\n")
+    )
     assert {name.partition("/")[0].partition("-")[0] for name in names} == {"inswsn_book"}
     version = re.compile(r"^Version: (.*)$", re.M)
     assert version.findall(says["METADATA"]) == version.findall(wheel[2]["METADATA"])
