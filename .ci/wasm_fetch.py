@@ -85,7 +85,8 @@ def npm_package(name: str, version: str, digest: str, folder: Path) -> Path:
     if kept(place, digest) is None:
         need(["npm"], "npm")
         log, what = folder / "npm.log", f"npm cannot fetch {name} {version}"
-        run(["npm", "pack", "--silent", "--ignore-scripts", f"{name}@{version}"], folder, log, what)
+        quiet = ["--silent", "--ignore-scripts", "--cache", str(folder / "npm")]  # no home is needed
+        run(["npm", "pack", *quiet, f"{name}@{version}"], folder, log, what)
         checked(place.read_bytes(), digest, f"{name} {version} of npm")
     return place
 
