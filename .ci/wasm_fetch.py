@@ -85,7 +85,12 @@ def npm_package(name: str, version: str, digest: str, folder: Path) -> Path:
     if kept(place, digest) is None:
         need(["npm"], "npm")
         log, what = folder / "npm.log", f"npm cannot fetch {name} {version}"
-        quiet = ["--silent", "--ignore-scripts", "--cache", str(folder / "npm")]  # no home is needed
+        quiet = [
+            "--silent",
+            "--ignore-scripts",
+            "--cache",
+            str(folder / "npm"),
+        ]  # no home is needed
         run(["npm", "pack", *quiet, f"{name}@{version}"], folder, log, what)
         checked(place.read_bytes(), digest, f"{name} {version} of npm")
     return place
@@ -121,8 +126,18 @@ def source_of(name: str, lock: str, folder: Path) -> Path:
         return place
     asked, told = folder / "sources.in", folder / "pylock.toml"
     asked.write_text(f"{name}=={version}\n")
-    uv = sys.executable, "-m", "uv", "pip", "compile", "--quiet", "--no-deps", "--universal"
-    words = *uv, "--python-version", "3.11", "--format", "pylock.toml", "-o", told, asked
+    uv = sys.executable, "-m", "uv", "--no-cache", "pip", "compile", "--quiet", "--no-deps"
+    words = (
+        *uv,
+        "--universal",
+        "--python-version",
+        "3.11",
+        "--format",
+        "pylock.toml",
+        "-o",
+        told,
+        asked,
+    )
     run(words, folder, folder / "uv.log", f"uv cannot find the sources of {name} {version}")
     source = tomllib.loads(told.read_text(encoding="utf-8"))["packages"][0]["sdist"]
     digest = source["hashes"]["sha256"]
