@@ -1,8 +1,9 @@
 # Two commands from a fresh machine: `make book` and `make test`. Each installs what it needs first.
 # The same steps without make are in README.md.
 
-# 3.11 where it runs, else 3.12 or 3.13: tried, since a name may be a shim of nothing
-PYTHON  ?= $(shell for v in 11 12 13; do for name in python3.$$v python3 python $(RUN); do \
+# that of the environment; else 3.11 where it runs, 3.12 or 3.13: tried, since a name may be a shim of nothing
+PYTHON  ?= $(shell for v in 11 12 13; do $(RUN) -c "import sys; sys.exit(sys.version_info[:2] != (3, $$v))" >/dev/null 2>&1 && \
+    echo $(RUN) && exit; done; for v in 11 12 13; do for name in python3.$$v python3 python; do \
     $$name -c "import sys; sys.exit(sys.version_info[:2] != (3, $$v))" >/dev/null 2>&1 && echo $$name && exit; done; done)
 VENV    := .venv
 RUN     := $(VENV)/bin/python

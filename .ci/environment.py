@@ -1,7 +1,7 @@
 """Make the environment of the locks and point ``.venv`` at it: the first step of ``make``.
 
-An environment lies in ``.venvs``, in a folder named by a digest of what it is made from: a lock
-whose content is unchanged asks for nothing. It is made where it stays, since its scripts hold its
+An environment lies in ``.venvs``, in a folder named by a digest of what it is made from: locks and
+a Python that are unchanged ask for nothing. It is made where it stays, since its scripts hold its
 path, and ``.venv`` is a link that is set once all is in it. Until then the old one remains.
 Two calls at once wait for each other. Any Python on Linux or macOS runs this, in the checkout; it
 takes 3.11, 3.12 or 3.13 to make an environment. What is pinned by hash holds for all three, but for
@@ -60,8 +60,9 @@ def hold(lock: IO[str]) -> None:
 
 
 def digest(*names: str) -> str:
-    """Return the digest of files, and of where they are, which an environment holds as well."""
-    content = [os.fsencode(Path.cwd()), *(Path(name).read_bytes() for name in names)]
+    """Return the digest of files, of where they are, which an environment holds, and of Python."""
+    here = os.fsencode(Path.cwd()), bytes(sys.version_info[:2])
+    content = [*here, *(Path(name).read_bytes() for name in names)]
     return hashlib.sha256(b"\0".join(content)).hexdigest()
 
 

@@ -126,6 +126,17 @@ def test_make_takes_a_python_that_runs(root: Path, tmp_path: Path, runs: int) ->
     assert said.endswith(f"; python3.{runs} .ci/environment.py\n")
 
 
+def test_another_python_has_another_environment(
+    root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(root)
+    names = set()
+    for minor in (11, 12, 12):
+        monkeypatch.setattr(sys, "version_info", (3, minor, 0))
+        names.add(environment.digest(environment.LOCK))
+    assert len(names) == 2
+
+
 # How it is made: by the recipe itself, with one small package in the lock -------------------------
 
 
