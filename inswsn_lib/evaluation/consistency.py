@@ -151,6 +151,39 @@ def normalised_squares(errors: ArrayLike, covariances: ArrayLike) -> Array:
     return back(squares)
 
 
+def log_likelihoods(errors: ArrayLike, covariances: ArrayLike) -> Array:
+    r"""Return the logarithm of the Gaussian density of errors, as of the innovations of a filter.
+
+    .. math:: -\tfrac12 \left(\epsilon_k' S_k^{-1} \epsilon_k + \ln \det 2 \pi S_k\right)
+
+    Their sum over innovations is the log-likelihood of what the filter assumes (Bar-Shalom, Li and
+    Kirubarajan 2001, Section 5.4).
+
+    Parameters
+    ----------
+    errors, covariances
+        As of `normalised_squares`, whose errors it raises.
+
+    Returns
+    -------
+    ndarray, (steps,) or (steps, runs)
+        Of densities in the inverse units of the components that are there; NaN where none is.
+
+    Examples
+    --------
+    >>> from inswsn_lib.evaluation import log_likelihoods
+    >>> log_likelihoods([[0.0], [3.0]], [[9.0]]).round(3).tolist()
+    [-2.018, -2.518]
+    """
+    squares, S = normalised_squares(errors, covariances), np.asarray(covariances, dtype=float)
+    e, back = of_runs("errors", errors, "steps", "n", "runs", gaps=True)
+    there = ~np.isnan(np.swapaxes(e, 1, 2))
+    S = np.moveaxis(S, 3, 1) if S.ndim == 4 else S[..., None, :, :]
+    both = there[..., :, None] & there[..., None, :]
+    sizes = np.linalg.slogdet(np.where(both, 2 * np.pi * S, np.eye(e.shape[1])))[1]
+    return np.asarray(-0.5 * (squares + back(sizes)))
+
+
 def _pattern_codes(there: Mask) -> NDArray[np.int64]:
     """Return a number (steps, runs) for each pattern in a mask (steps, n, runs)."""
     codes = np.zeros((there.shape[0], there.shape[2]), dtype=np.int64)

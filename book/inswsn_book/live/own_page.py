@@ -77,10 +77,11 @@ def _told(found: Examined) -> Iterator[str]:
     yield _outages_told(data)
     yield from _fit_told(found)
     yield verdict(found.findings)
-    yield expected_told(found)
+    if found.expected:
+        yield _expected_told(found)
 
 
-def expected_told(found: Examined) -> str:
+def _expected_told(found: Examined) -> str:
     """Say what a filter is expected to leave of the errors of fixes, or why that is unknown."""
     if isinstance(found.expected, str):
         return found.expected

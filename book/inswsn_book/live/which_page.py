@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,8 @@ from inswsn_book.live.own_data import read
 from inswsn_book.show.moving import Moving, Slider
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.evaluation.consistency import normalised_squares
+from inswsn_lib.evaluation.consistency import log_likelihoods, normalised_squares
+from inswsn_lib.evaluation.tuning import Tuning, search_pattern, tune
 from inswsn_lib.filters.kalman import KalmanDesign, design_kalman, run_kalman
 from inswsn_lib.logs.filter_checks import check_filter, say_noise, usual_spacing
 from inswsn_lib.logs.ins_wsn import TrackPair
@@ -24,7 +25,8 @@ from inswsn_lib.models import ErrorModel
 
 _MOST, _FEWEST, _SETTLED = 600, 60, 5  # fixes that are fitted, and the first that do not count
 _HOLDS = np.geomspace(2, 2000, 13)  # intervals of fixes for which the INS holds their accuracy
-_LASTS, _WHITE = (2, 5, 15, 50), (0.02, 0.3)  # intervals that errors last; a share does not
+_LASTS, _WHITE = (5.0, 0.02), 0.5  # intervals that errors last, and a share does not: the begin
+_RATIOS, _TRIALS = (_HOLDS[1] / _HOLDS[0], 3.0, 10.0), 60  # of that search
 _BETTER, _ALIKE = 10.0, 2.0  # by how much a logarithm of a likelihood tells, and does not
 _KNOWN, _HELPLESS = 10.0, 0.9  # a factor of deviations, and what is next to no gain
 _FACTORS = (0.001, 0.01, 0.1, 1.0, 10.0, 100.0, 1000.0)  # of Q
@@ -36,7 +38,7 @@ class Fit:
 
     `noise` are deviations of position (m) and velocity (m/s) of fixes, of which the share `white`
     is white and the rest lasts `lasts` s; `holds` s long the INS holds the accuracy of a fix.
-    `likely` are logarithms of the likelihood: of all that is fitted, and of each half.
+    `settled` tells whether the search for them has, as of `Tuning`.
     """
 
     period: float
@@ -44,7 +46,7 @@ class Fit:
     lasts: float
     white: float
     noise: Array
-    likely: tuple[float, ...] = ()
+    settled: bool = False
 
     @property
     def density(self) -> float:
@@ -82,31 +84,11 @@ class Run:
     states: Array
     innovations: Array
 
-    @cached_property
-    def nis(self) -> float:
-        """The mean normalised square of a component of an innovation."""
-        S, left = (x[_SETTLED:] for x in (self.design.innovation, self.innovations))
-        total = sum(np.nansum(normalised_squares(left[..., axis], S)) for axis in (0, 1))
-        return float(total / np.isfinite(left).sum())
-
-    @property
-    def halves(self) -> tuple[Run, Run]:
-        """It before and after its middle."""
-        half, of = len(self.states) // 2, self.design
-
-        def part(p: slice) -> Run:
-            design = KalmanDesign(of.gains[p], of.predicted[p], of.filtered[p], of.innovation[p])
-            return Run(design, self.states[p], self.innovations[p])
-
-        return part(slice(None, half)), part(slice(half - _SETTLED, None))
-
-    @property
-    def likely(self) -> float:
-        """The logarithm of the likelihood, all variances times what makes the mean NIS 1."""
-        left, S = (x[_SETTLED:] for x in (self.innovations, self.design.innovation))
-        there = np.isfinite(left[:, 0, 0])
-        sizes = 2 * float(np.linalg.slogdet(S[there])[1].sum())
-        return -0.5 * (int(np.isfinite(left).sum()) * float(np.log(self.nis)) + sizes)
+    def told(self, rows: slice = slice(_SETTLED, None)) -> tuple[float, float]:
+        """Return the mean NIS of a component, and how likely steps are, all variances times it."""
+        left, S = self.innovations[rows], self.design.innovation[rows]
+        nis = float(np.nansum(normalised_squares(left, S)) / np.isfinite(left).sum())
+        return nis, float(np.nansum(log_likelihoods(left, nis * S)))
 
 
 def measured(data: TrackPair) -> tuple[Array, float, slice]:
@@ -129,28 +111,46 @@ def fit(y: Array, period: float) -> tuple[Fit, list[tuple[float, float]]]:
     """
     apart = np.diff(y, 2, axis=0)
     noise = np.maximum(np.sqrt(np.nanmean(apart**2, axis=(0, 2)) / 6), 1e-9)
+    there, holds = np.flatnonzero(np.isfinite(y[:, 0, 0])), (_HOLDS * period).tolist()
+    half = int(there[len(there) // 2])
+    parts = slice(_SETTLED, None), slice(_SETTLED, half), slice(half, None)
 
-    def tried(holds: Array, lasts: float = 0.0, white: float = 1.0) -> Iterator[Fit]:
-        for hold in holds:
-            run = Fit(period, hold, lasts, white, noise).run(y)
-            likely = run.likely, *(half.likely for half in run.halves)
-            yield Fit(period, hold, lasts, white, noise * run.nis**0.5, likely)
+    @cache
+    def run(hold: float, lasts: float, white: float) -> Run:
+        return Fit(period, hold, lasts, white, noise).run(y)
 
-    def best(found: list[Fit]) -> Fit:
-        return max(found, key=lambda each: each.likely[0])
+    def by_holds(lasts: float, white: float) -> list[Tuning[float]]:
+        def loss(part: slice, hold: float) -> float:
+            return -run(hold, lasts, white).told(part)[1]
 
-    holds, found = _HOLDS * period, [*tried(_HOLDS * period)]
-    longer = holds[found.index(best(found)) :][:5:2]  # errors that last look like drift
-    lasting = best([x for t in _LASTS for w in _WHITE for x in tried(longer, t * period, w)])
-    if lasting.likely[0] - best(found).likely[0] > _BETTER:
-        found = [*tried(holds, lasting.lasts, lasting.white)]
+        return [tune("hold time", holds, partial(loss, part)) for part in parts]
+
+    def of_lasting(hold: float, lasts: float, white: float) -> tuple[float, float, float]:
+        """Return figures, by such that drift and white errors stay while `lasts` changes."""
+        return hold * (lasts / start[1]) ** (1 / 3), lasts, white * start[1] / lasts
+
+    def loss(*numbers: float) -> float:
+        figures = of_lasting(*numbers)
+        return -run(*figures).told()[1] if figures[2] < _WHITE else np.inf
+
+    errors = 0.0, 1.0
+    found = by_holds(*errors)
+    start = found[0].best, _LASTS[0] * period, _LASTS[1]
+    lasting = search_pattern("errors that last", start, _RATIOS, loss, most=_TRIALS)
+    if found[0].loss - lasting.loss > _BETTER:
+        errors = of_lasting(*lasting.best)[1:]
+        found = by_holds(*errors)
     alike = []
-    for likely in np.array([each.likely for each in found]).T:
-        near = holds[likely > likely.max() - _ALIKE]
-        alike.append((float(near[0]), float(near[-1])))
-    if alike[0][1] == holds[-1]:  # a drift too small to be seen: the largest that is as likely
-        return found[holds.tolist().index(alike[0][0])], alike
-    return best(found), alike
+    for each in found:
+        near = [x for x, y in zip(holds, each.losses, strict=True) if y < each.loss + _ALIKE]
+        alike.append((near[0], near[-1]))
+    # a drift too small to be seen: the largest that is as likely
+    hold = found[0].best if alike[0][1] < holds[-1] else alike[0][0]
+    noise, settled = (
+        noise * run(hold, *errors).told()[0] ** 0.5,
+        lasting.settled and hold > holds[0],
+    )
+    return Fit(period, hold, *errors, noise, settled), alike
 
 
 def decide(text: str, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -174,7 +174,8 @@ def decide(text: str, options: Mapping[str, Any]) -> dict[str, Any]:
     y, period, rows = measured(data)
     found, (alike, *halves) = fit(y, period)
     run = found.run(y)
-    kept = np.sqrt(run.design.filtered[-1].diagonal()[: len(found.noise)]) / found.noise
+    at = np.flatnonzero(np.isfinite(y[:, 0, 0]))[-1]  # a fix: no gap at the end
+    kept = np.sqrt(run.design.filtered[at].diagonal()[: len(found.noise)]) / found.noise
     # deviations of the drift go with the hold time to the power of 3/2
     wide = max((alike[1] / alike[0]) ** 0.75, (_HOLDS[1] / _HOLDS[0]) ** 0.75)
     unlike = (max(low for low, _ in halves) / min(high for _, high in halves)) ** 1.5
@@ -184,7 +185,8 @@ def decide(text: str, options: Mapping[str, Any]) -> dict[str, Any]:
     checks = check_filter(run.innovations.reshape(len(y), -1), S)
     sentences = [
         *_answers(data, found, wide, unlike, kept),
-        f"Does that fit? Of the noise figures: {say_noise(checks)}.",
+        f"Does that fit? Of the noise figures: {say_noise(checks)}. The search for them "
+        f"{'settled' if found.settled else 'did not settle: they may be far off'}.",
         f"Take {TAKEN[chosen]}; the code below has your numbers.",
     ]
     return {
@@ -224,13 +226,10 @@ def _answers(data: TrackPair, found: Fit, wide: float, unlike: float, kept: Arra
         "error of a fix in position"
         + (f" and {kept[1]:.0%} in velocity." if len(kept) > 1 else ".")
     )
+    says = "there is no sign that they last"
     if found.lasts:
-        yield (
-            f"3. Errors of fixes are independent: no. {1 - found.white:.0%} of their variance "
-            f"lasts about {found.lasts:.2g} s."
-        )
-    else:
-        yield "3. Errors of fixes are independent: there is no sign that they last."
+        says = f"no. {1 - found.white:.0%} of their variance lasts about {found.lasts:.2g} s"
+    yield f"3. Errors of fixes are independent: {says}."
     longest = max((j - i for i, j in data.outages), default=0) * data.period
     coasts = "yes" if longest > found.holds else "no"
     gap = f"The longest gap is {longest:.3g} s."
@@ -248,7 +247,7 @@ def _figure(name: str, data: TrackPair, found: Fit, y: Array, rows: slice) -> Mo
     told, sizes = {}, {}
     for factor in _FACTORS:
         run = found.run(y, factor)
-        error, told[factor] = run.innovations[_SETTLED:, 0], run.nis
+        error, told[factor] = run.innovations[_SETTLED:, 0], run.told()[0]
         if data.reference is not None:
             true = (data.ins - data.reference)[rows].reshape(-1, 2, 2)[: len(y)]
             error = (run.states - true)[_SETTLED:, 0]

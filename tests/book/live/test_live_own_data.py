@@ -229,6 +229,9 @@ def test_mistakes_are_told_with_numpy_alone(made: Callable[[], pd.DataFrame], sa
     (checks,) = (each for each in shown["tables"] if each["header"][0] == "check")
     assert any(said in row[-1] for row in checks["rows"])
     assert any(said.startswith("Recording and figures do not fit") for said in shown["sentences"])
+    # how long errors last is told of errors of fixes alone, not of other axes or clocks
+    assert any("errors of fixes last" in s for s in shown["sentences"]) == (made is lasting)
+    assert not any("Errors of fixes last" in s for s in shown["sentences"])
 
 
 def test_what_a_filter_is_expected_to_gain_is_told() -> None:
