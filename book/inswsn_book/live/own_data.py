@@ -215,20 +215,16 @@ def _errors(data: TrackPair, found: Filtered) -> list[dict[str, Any]]:
     for first, end in data.outages:
         silent[first:end] = True
     there = ~np.isnan(data.ins).any(axis=1)
-    parts = {"position": slice(0, 2), "velocity": slice(2, 4)}
     told = []
     for track, values in (
         ("INS alone", data.ins), ("network", data.wsn), ("INS corrected", found.corrected),
     ):  # fmt: skip
+        squares = np.sum((values - data.reference).reshape(-1, 2, 2) ** 2, axis=2)
         for when, rows in (("with fixes", there & ~silent), ("in outages", there & silent)):
-            error = (values - data.reference)[rows]
-            sizes = {what: _root_mean_square(error[:, part]) for what, part in parts.items()}
-            if any(size is not None for size in sizes.values()):
-                told.append({"track": track, "when": when, **sizes})
+            known = [column[np.isfinite(column)] for column in squares[rows].T]
+            sizes = [float(np.sqrt(x.mean())) if x.size else None for x in known]
+            if any(x.size for x in known):
+                told.append(
+                    {"track": track, "when": when, "position": sizes[0], "velocity": sizes[1]}
+                )
     return told
-
-
-def _root_mean_square(error: Array) -> float | None:
-    """Return that of errors (steps, 2), over the steps that have both; None if none has."""
-    squares = np.sum(error**2, axis=1)
-    return float(np.sqrt(np.nanmean(squares))) if np.isfinite(squares).any() else None

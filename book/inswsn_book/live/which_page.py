@@ -25,8 +25,9 @@ from inswsn_lib.models import ErrorModel
 
 _MOST, _FEWEST, _SETTLED = 600, 60, 5  # fixes that are fitted, and the first that do not count
 _HOLDS = np.geomspace(2, 2000, 13)  # intervals of fixes for which the INS holds their accuracy
-_LASTS, _WHITE = (5.0, 0.02), 0.5  # intervals that errors last, and a share does not: the begin
-_RATIOS, _TRIALS = (_HOLDS[1] / _HOLDS[0], 3.0, 10.0), 60  # of that search
+# Where a search begins: intervals that errors last, and the share that does not; and its bound
+_LASTS, _SHARE, _WHITE = 5.0, 0.02, 0.5
+_RATIOS, _TRIALS = (3.0, 10.0, _HOLDS[1] / _HOLDS[0]), 60
 _BETTER, _ALIKE = 10.0, 2.0  # by how much a logarithm of a likelihood tells, and does not
 _KNOWN, _HELPLESS = 10.0, 0.9  # a factor of deviations, and what is next to no gain
 _FACTORS = (0.001, 0.01, 0.1, 1.0, 10.0, 100.0, 1000.0)  # of Q
@@ -116,29 +117,27 @@ def fit(y: Array, period: float) -> tuple[Fit, list[tuple[float, float]]]:
     parts = slice(_SETTLED, None), slice(_SETTLED, half), slice(half, None)
 
     @cache
-    def run(hold: float, lasts: float, white: float) -> Run:
+    def run(lasts: float, white: float, hold: float) -> Run:
         return Fit(period, hold, lasts, white, noise).run(y)
 
-    def by_holds(lasts: float, white: float) -> list[Tuning[float]]:
-        def loss(part: slice, hold: float) -> float:
-            return -run(hold, lasts, white).told(part)[1]
+    def loss(part: slice, *figures: float) -> float:
+        return -run(*figures).told(part)[1] if figures[1] < _WHITE or not figures[0] else np.inf
 
-        return [tune("hold time", holds, partial(loss, part)) for part in parts]
+    def by_holds(*errors: float) -> list[Tuning[float]]:
+        return [tune("hold time", holds, partial(loss, part, *errors)) for part in parts]
 
-    def of_lasting(hold: float, lasts: float, white: float) -> tuple[float, float, float]:
-        """Return figures, by such that drift and white errors stay while `lasts` changes."""
-        return hold * (lasts / start[1]) ** (1 / 3), lasts, white * start[1] / lasts
-
-    def loss(*numbers: float) -> float:
-        figures = of_lasting(*numbers)
-        return -run(*figures).told()[1] if figures[2] < _WHITE else np.inf
+    def along(lasts: float, white: float, hold: float) -> tuple[float, float, float]:
+        """Return figures: with `lasts` change white share and hold time, but not what they are of."""
+        return lasts, white * start[0] / lasts, hold * (lasts / start[0]) ** (1 / 3)
 
     errors = 0.0, 1.0
     found = by_holds(*errors)
-    start = found[0].best, _LASTS[0] * period, _LASTS[1]
-    lasting = search_pattern("errors that last", start, _RATIOS, loss, most=_TRIALS)
+    start = _LASTS * period, _SHARE, found[0].best
+    lasting = search_pattern(
+        "lasting", start, _RATIOS, lambda *x: loss(parts[0], *along(*x)), _TRIALS
+    )
     if found[0].loss - lasting.loss > _BETTER:
-        errors = of_lasting(*lasting.best)[1:]
+        errors = along(*lasting.best)[:2]
         found = by_holds(*errors)
     alike = []
     for each in found:
@@ -146,11 +145,8 @@ def fit(y: Array, period: float) -> tuple[Fit, list[tuple[float, float]]]:
         alike.append((near[0], near[-1]))
     # a drift too small to be seen: the largest that is as likely
     hold = found[0].best if alike[0][1] < holds[-1] else alike[0][0]
-    noise, settled = (
-        noise * run(hold, *errors).told()[0] ** 0.5,
-        lasting.settled and hold > holds[0],
-    )
-    return Fit(period, hold, *errors, noise, settled), alike
+    settled, nis = lasting.settled and hold > holds[0], run(*errors, hold).told()[0]
+    return Fit(period, hold, *errors, noise * nis**0.5, settled), alike
 
 
 def decide(text: str, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -189,13 +185,9 @@ def decide(text: str, options: Mapping[str, Any]) -> dict[str, Any]:
         f"{'settled' if found.settled else 'did not settle: they may be far off'}.",
         f"Take {TAKEN[chosen]}; the code below has your numbers.",
     ]
-    return {
-        "name": name,
-        "sentences": sentences,
-        "figure": _figure(name, data, found, y, rows).content(),
-        "tables": [],
-        "code": _code(name, data, found, chosen),
-    }
+    figure, code = _figure(name, data, found, y, rows), _code(name, data, found, chosen)
+    shown = {"figure": figure.content(), "tables": [], "code": code}
+    return {"name": name, "sentences": sentences} | shown
 
 
 TAKEN = {
@@ -210,9 +202,8 @@ TAKEN = {
 def _answers(data: TrackPair, found: Fit, wide: float, unlike: float, kept: Array) -> Iterator[str]:
     """Answer the questions of the page, as they are numbered there."""
     units = zip(found.noise, ("m", "m/s"), strict=False)
-    known = "yes"
-    if unlike > _KNOWN:
-        known = f"no, the halves of the file have drifts that differ by a factor of {unlike:.0f}"
+    apart = f"no, the halves of the file have drifts that differ by a factor of {unlike:.0f}"
+    known = apart if unlike > _KNOWN else "yes"
     yield (
         f"1. Drift and noise are known: {known}. Fixes scatter by "
         + " and ".join(f"{size:.3g} {unit}" for size, unit in units)
@@ -232,8 +223,8 @@ def _answers(data: TrackPair, found: Fit, wide: float, unlike: float, kept: Arra
     yield f"3. Errors of fixes are independent: {says}."
     longest = max((j - i for i, j in data.outages), default=0) * data.period
     coasts = "yes" if longest > found.holds else "no"
-    gap = f"The longest gap is {longest:.3g} s."
-    yield f"4. Fixes stop for longer than the INS holds: {coasts}. {gap}"
+    stop = f"4. Fixes stop for longer than the INS holds: {coasts}."
+    yield f"{stop} The longest gap is {longest:.3g} s."
     yield "5 and 6. Of other networks and of wheels a file with one network tells nothing."
 
 

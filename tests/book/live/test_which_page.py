@@ -63,9 +63,7 @@ def test_how_long_errors_last_is_searched_for() -> None:
     y, period, _ = measured(read("my.csv", lasting(tau=8.0).to_csv(index=False)))
     found, _ = fit(y, period)
     assert found.settled
-    assert found.lasts == pytest.approx(8, rel=0.2)
-    assert found.noise[0] == pytest.approx(0.2, rel=0.2)
-    assert found.holds == pytest.approx(3.9, rel=0.2)
+    assert [found.lasts, found.noise[0], found.holds] == pytest.approx([8, 0.2, 3.9], rel=0.2)
 
 
 def test_a_gap_at_the_end_is_no_half_and_no_fix() -> None:
@@ -73,9 +71,7 @@ def test_a_gap_at_the_end_is_no_half_and_no_fix() -> None:
     made = wild()
     made.loc[500:, list(iw.logs.WSN)] = np.nan
     said = decided(made.to_csv(index=False))["sentences"]
-    left = [int(x) for x in re.findall(r"(\d+)%", said[1])]
-    assert len(left) == 2
-    assert max(left) < 100
+    assert len(re.findall(r" \d\d% of the error| \d\d% in velocity", said[1])) == 2
 
 
 def test_both_ways_of_being_wrong_are_shown() -> None:
@@ -94,9 +90,8 @@ def test_without_velocities_and_reference_it_answers_too() -> None:
 
 
 def test_numpy_alone_answers_the_same() -> None:
-    assert (
-        looked_at_alone(TEXT, which=True, name="my.csv")["sentences"] == decided(TEXT)["sentences"]
-    )
+    alone = looked_at_alone(TEXT, which=True, name="my.csv")
+    assert alone["sentences"] == decided(TEXT)["sentences"]
 
 
 def test_what_is_too_short_is_refused() -> None:
