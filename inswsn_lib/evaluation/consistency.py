@@ -202,12 +202,12 @@ def _factors(covariances: Array) -> Array:
         raise ParameterError("covariances", given, "positive definite") from None
 
 
-def mean_bounds(count: int, degrees: int, probability: float = 0.95) -> tuple[float, float]:
+def mean_bounds(count: float, degrees: int, probability: float = 0.95) -> tuple[float, float]:
     """Return the interval that holds the mean of normalised squares with a probability.
 
     Parameters
     ----------
-    count : int
+    count : float
         How many independent squares are averaged.
     degrees : int
         Degrees of freedom of each: the number of components.
@@ -228,7 +228,7 @@ def mean_bounds(count: int, degrees: int, probability: float = 0.95) -> tuple[fl
     >>> print("{:.2f} {:.2f}".format(*iw.mean_bounds(10_000, 4)))
     3.94 4.06
     """
-    whole("count", count, 1)
+    number("count", count, above=0)
     whole("degrees", degrees, 1)
     tail = (1 - number("probability", probability, above=0, below=1)) / 2
     of_sum = (chi_square(level, count * degrees) for level in (tail, 1 - tail))
@@ -299,10 +299,8 @@ def mean_square(mean: float, degrees: float) -> Statistic:
     >>> print("{:.2f} {:.2f} {:.2f}".format(*mean_square(1.1, 1000)))
     1.10 0.86 1.15
     """
-    tail = FALSE_ALARM / 2
     count = min(float(degrees), float(_TELL))
-    low, high = (chi_square(level, count) / count for level in (tail, 1 - tail))
-    return Statistic(float(mean), low, high)
+    return Statistic(float(mean), *mean_bounds(count, 1, 1 - FALSE_ALARM))
 
 
 def colour(innovations: Sequence[ArrayLike], spacing: int = 1) -> Statistic:

@@ -16,10 +16,9 @@ from inswsn_book.live.own_data import read
 from inswsn_book.show.moving import Moving, Slider
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.evaluation.consistency import log_likelihoods, normalised_squares
+from inswsn_lib.evaluation.consistency import log_likelihoods
 from inswsn_lib.evaluation.tuning import Tuning, search_pattern, tune
-from inswsn_lib.filters.kalman import KalmanDesign, design_kalman, run_kalman
-from inswsn_lib.logs.filter_checks import check_filter, say_noise, usual_spacing
+from inswsn_lib.logs.filter_checks import FilterRun, check_filter, say_noise, usual_spacing
 from inswsn_lib.logs.ins_wsn import TrackPair
 from inswsn_lib.models import ErrorModel
 
@@ -63,33 +62,18 @@ class Fit:
         )  # fmt: skip
         return model.with_coloured_noise(self.lasts, self.white) if self.lasts else model
 
-    def run(self, y: Array, factor: float = 1.0) -> Run:
+    def run(self, y: Array, factor: float = 1.0) -> FilterRun:
         """Run its filter over INS less network, (steps, components, axes)."""
-        model, lasting = self.model(factor), (1 - self.white) * self.noise**2
+        lasting = (1 - self.white) * self.noise**2 if self.lasts else np.zeros(0)
         far = 1e4 * self.noise[0] ** 2 * np.array([1, 1 / self.period**2])
-        P0 = np.diag(np.append(far, lasting if self.lasts else []))
-        there = np.isfinite(y[..., 0])
-        ahead = run_kalman(model, y, initial_covariance=P0, predicted=True)
-        return Run(
-            design_kalman(model, there, initial_covariance=P0),
-            run_kalman(model, y, initial_covariance=P0)[:, :2],
-            y - np.einsum("ij,kja->kia", model.C, ahead),
-        )
+        return FilterRun.of(self.model(factor), y, np.diag(np.append(far, lasting)))
 
 
-@dataclass(frozen=True)
-class Run:
-    """What a filter finds: its design, the error of the INS, and innovations, by step and axis."""
-
-    design: KalmanDesign
-    states: Array
-    innovations: Array
-
-    def told(self, rows: slice = slice(_SETTLED, None)) -> tuple[float, float]:
-        """Return the mean NIS of a component, and how likely steps are, all variances times it."""
-        left, S = self.innovations[rows], self.design.innovation[rows]
-        nis = float(np.nansum(normalised_squares(left, S)) / np.isfinite(left).sum())
-        return nis, float(np.nansum(log_likelihoods(left, nis * S)))
+def _told(run: FilterRun, rows: slice = slice(_SETTLED, None)) -> tuple[float, float]:
+    """Return the mean NIS of a component, and how likely steps are, all variances times it."""
+    left, S = run.innovations[rows], run.design.innovation[rows]
+    nis = float(np.nansum(run.nis[rows]) / np.isfinite(left).sum())
+    return nis, float(np.nansum(log_likelihoods(left, nis * S)))
 
 
 def measured(data: TrackPair) -> tuple[Array, float, slice]:
@@ -117,17 +101,17 @@ def fit(y: Array, period: float) -> tuple[Fit, list[tuple[float, float]]]:
     parts = slice(_SETTLED, None), slice(_SETTLED, half), slice(half, None)
 
     @cache
-    def run(lasts: float, white: float, hold: float) -> Run:
+    def run(lasts: float, white: float, hold: float) -> FilterRun:
         return Fit(period, hold, lasts, white, noise).run(y)
 
     def loss(part: slice, *figures: float) -> float:
-        return -run(*figures).told(part)[1] if figures[1] < _WHITE or not figures[0] else np.inf
+        return -_told(run(*figures), part)[1] if figures[1] < _WHITE or not figures[0] else np.inf
 
     def by_holds(*errors: float) -> list[Tuning[float]]:
         return [tune("hold time", holds, partial(loss, part, *errors)) for part in parts]
 
     def along(lasts: float, white: float, hold: float) -> tuple[float, float, float]:
-        """Return figures: with `lasts` change white share and hold time, but not what they are of."""
+        """Return figures: white errors and drift stay, as densities, while `lasts` changes."""
         return lasts, white * start[0] / lasts, hold * (lasts / start[0]) ** (1 / 3)
 
     errors = 0.0, 1.0
@@ -145,7 +129,7 @@ def fit(y: Array, period: float) -> tuple[Fit, list[tuple[float, float]]]:
         alike.append((near[0], near[-1]))
     # a drift too small to be seen: the largest that is as likely
     hold = found[0].best if alike[0][1] < holds[-1] else alike[0][0]
-    settled, nis = lasting.settled and hold > holds[0], run(*errors, hold).told()[0]
+    settled, nis = lasting.settled and hold > holds[0], _told(run(*errors, hold))[0]
     return Fit(period, hold, *errors, noise * nis**0.5, settled), alike
 
 
@@ -238,10 +222,10 @@ def _figure(name: str, data: TrackPair, found: Fit, y: Array, rows: slice) -> Mo
     told, sizes = {}, {}
     for factor in _FACTORS:
         run = found.run(y, factor)
-        error, told[factor] = run.innovations[_SETTLED:, 0], run.told()[0]
+        error, told[factor] = run.innovations[_SETTLED:, 0], _told(run)[0]
         if data.reference is not None:
             true = (data.ins - data.reference)[rows].reshape(-1, 2, 2)[: len(y)]
-            error = (run.states - true)[_SETTLED:, 0]
+            error = (run.states[:, :2] - true)[_SETTLED:, 0]
         sizes[factor] = float(np.sqrt(2 * np.nanmean(error**2)))
     what = "position" if data.reference is not None else "the next fix, as predicted"
     what, top = f"RMS error of {what}", 1.1 * min(max(sizes.values()), 5 * sizes[1.0])
