@@ -231,8 +231,7 @@ def mean_bounds(count: float, degrees: int, probability: float = 0.95) -> tuple[
     number("count", count, above=0)
     whole("degrees", degrees, 1)
     tail = (1 - number("probability", probability, above=0, below=1)) / 2
-    of_sum = (chi_square(level, count * degrees) for level in (tail, 1 - tail))
-    low, high = (quantile / count for quantile in of_sum)
+    low, high = (chi_square(level, count * degrees) / count for level in (tail, 1 - tail))
     return low, high
 
 

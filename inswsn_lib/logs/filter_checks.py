@@ -39,14 +39,8 @@ _RIGHT = {
 class FilterRun:
     """A run of the Kalman filter over a recording, with what its innovations are judged by.
 
-    Attributes
-    ----------
-    design : KalmanDesign
-        With the covariances of innovations and of states.
-    states : ndarray, (steps, n) or (steps, n, runs)
-        After each measurement, in the units of the model.
-    innovations : ndarray, (steps, m) or (steps, m, runs)
-        NaN where missing.
+    `states` (steps, n) or (steps, n, runs) are after each measurement, in the units of the model,
+    `innovations` (steps, m) or (steps, m, runs) NaN where missing. `design` has their covariances.
     """
 
     design: KalmanDesign

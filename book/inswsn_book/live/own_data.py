@@ -74,8 +74,7 @@ class Examined:
     @property
     def sigma(self) -> Array:
         """The deviation of the corrected position, (steps,), m."""
-        P = self.filtered.design.filtered
-        return np.asarray(np.sqrt(P[:, 0, 0] + P[:, 1, 1]))
+        return np.asarray(np.sqrt(self.filtered.design.filtered[:, [0, 1], [0, 1]].sum(axis=1)))
 
     @property
     def of_filter(self) -> dict[str, Finding]:
@@ -199,9 +198,7 @@ def _errors(data: TrackPair, found: FilterRun) -> list[dict[str, Any]]:
         squares = np.sum((values - data.reference).reshape(-1, 2, 2) ** 2, axis=2)
         for when, rows in (("with fixes", there & ~silent), ("in outages", there & silent)):
             known = [column[np.isfinite(column)] for column in squares[rows].T]
-            sizes = [float(np.sqrt(x.mean())) if x.size else None for x in known]
+            far, fast = (float(np.sqrt(x.mean())) if x.size else None for x in known)
             if any(x.size for x in known):
-                told.append(
-                    {"track": track, "when": when, "position": sizes[0], "velocity": sizes[1]}
-                )
+                told.append({"track": track, "when": when, "position": far, "velocity": fast})
     return told

@@ -130,36 +130,34 @@ def _fit_told(found: Examined) -> Iterator[str]:
 
 
 def _tables(found: Examined) -> Iterator[dict[str, Any]]:
-    """Yield the tables that have rows."""
     data = found.data
-    for caption, header, rows in (
-        (
-            "Checks of the recording that fail, or that the data cannot decide.",
-            ["check", "of", "found", "fits from", "to", "in words"],
-            [
-                [x.name, x.subject, *map(_number, (x.value, x.low, x.high)), x.says]
-                for x in found.findings
-                if not x.fits
+    if doubtful := [each for each in found.findings if not each.fits]:
+        yield {
+            "caption": "Checks of the recording that fail, or that the data cannot decide.",
+            "header": ["check", "of", "found", "fits from", "to", "in words"],
+            "rows": [
+                [x.name, x.subject, *(_number(v) for v in (x.value, x.low, x.high)), x.says]
+                for x in doubtful
             ],
-        ),
-        (
-            "Outages of the network.", ["begins at (s)", "lasts (s)"],
-            [
+        }
+    if data.outages:
+        yield {
+            "caption": "Outages of the network.",
+            "header": ["begins at (s)", "lasts (s)"],
+            "rows": [
                 [f"{time:.1f}" for time in (data.time[i] - data.time[0], (j - i) * data.period)]
                 for i, j in data.outages[:_OUTAGES]
             ],
-        ),
-        (
-            "Root mean square errors by the reference of the file.",
-            ["track", "when", "position (m)", "velocity (m/s)"],
-            [
+        }
+    if found.errors:
+        yield {
+            "caption": "Root mean square errors by the reference of the file.",
+            "header": ["track", "when", "position (m)", "velocity (m/s)"],
+            "rows": [
                 [row["track"], row["when"], *map(_number, (row["position"], row["velocity"]))]
                 for row in found.errors
             ],
-        ),
-    ):  # fmt: skip
-        if rows:
-            yield {"caption": caption, "header": header, "rows": rows}
+        }
 
 
 def _number(value: float | None) -> str:

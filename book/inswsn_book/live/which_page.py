@@ -24,8 +24,7 @@ from inswsn_lib.models import ErrorModel
 
 _MOST, _FEWEST, _SETTLED = 600, 60, 5  # fixes that are fitted, and the first that do not count
 _HOLDS = np.geomspace(2, 2000, 13)  # intervals of fixes for which the INS holds their accuracy
-# Where a search begins: intervals that errors last, and the share that does not; and its bound
-_LASTS, _SHARE, _WHITE = 5.0, 0.02, 0.5
+_LASTS, _SHARE, _WHITE = 5.0, 0.02, 0.5  # intervals that errors last; the share that does not
 _RATIOS, _TRIALS = (3.0, 10.0, _HOLDS[1] / _HOLDS[0]), 60
 _BETTER, _ALIKE = 10.0, 2.0  # by how much a logarithm of a likelihood tells, and does not
 _KNOWN, _HELPLESS = 10.0, 0.9  # a factor of deviations, and what is next to no gain
@@ -48,14 +47,13 @@ class Fit:
     noise: Array
     settled: bool = False
 
-    @property
-    def density(self) -> float:
-        """Of the random walk of the INS's velocity error, m²/s³."""
-        return float(3 * self.noise[0] ** 2 / self.holds**3)
+    def acceleration(self, period: float) -> float:
+        """Return the deviation of the INS's acceleration error, if white by such periods, m/s²."""
+        return float(np.sqrt(3 * self.noise[0] ** 2 / self.holds**3 / period))
 
     def model(self, factor: float = 1.0) -> ErrorModel:
         """Return the model of an axis, with the drift's variance times a factor."""
-        step = np.sqrt(self.density * self.period * factor)
+        step = self.acceleration(self.period) * self.period * np.sqrt(factor)
         model = ErrorModel(
             A=np.array([[1, self.period], [0, 1]]), B=np.diag([step * self.period / 2, step]),
             C=np.eye(2)[: len(self.noise)], D=np.diag(self.noise), period=self.period,
@@ -114,8 +112,7 @@ def fit(y: Array, period: float) -> tuple[Fit, list[tuple[float, float]]]:
         """Return figures: white errors and drift stay, as densities, while `lasts` changes."""
         return lasts, white * start[0] / lasts, hold * (lasts / start[0]) ** (1 / 3)
 
-    errors = 0.0, 1.0
-    found = by_holds(*errors)
+    found, errors = by_holds(0.0, 1.0), (0.0, 1.0)
     start = _LASTS * period, _SHARE, found[0].best
     lasting = search_pattern(
         "lasting", start, _RATIOS, lambda *x: loss(parts[0], *along(*x)), _TRIALS
@@ -169,9 +166,8 @@ def decide(text: str, options: Mapping[str, Any]) -> dict[str, Any]:
         f"{'settled' if found.settled else 'did not settle: they may be far off'}.",
         f"Take {TAKEN[chosen]}; the code below has your numbers.",
     ]
-    figure, code = _figure(name, data, found, y, rows), _code(name, data, found, chosen)
-    shown = {"figure": figure.content(), "tables": [], "code": code}
-    return {"name": name, "sentences": sentences} | shown
+    figure, code = _figure(name, data, found, y, rows).content(), _code(name, data, found, chosen)
+    return {"name": name, "sentences": sentences, "figure": figure, "tables": [], "code": code}
 
 
 TAKEN = {
@@ -185,14 +181,12 @@ TAKEN = {
 
 def _answers(data: TrackPair, found: Fit, wide: float, unlike: float, kept: Array) -> Iterator[str]:
     """Answer the questions of the page, as they are numbered there."""
-    units = zip(found.noise, ("m", "m/s"), strict=False)
     apart = f"no, the halves of the file have drifts that differ by a factor of {unlike:.0f}"
     known = apart if unlike > _KNOWN else "yes"
+    scatter = " and ".join(f"{x:.3g} {m}" for x, m in zip(found.noise, ("m", "m/s"), strict=False))
     yield (
-        f"1. Drift and noise are known: {known}. Fixes scatter by "
-        + " and ".join(f"{size:.3g} {unit}" for size, unit in units)
-        + f"; the error of the INS's acceleration is {_acceleration(data, found):.2g} m/s², to a "
-        f"factor of {wide:.1f}."
+        f"1. Drift and noise are known: {known}. Fixes scatter by {scatter}; the error of the INS's"
+        f" acceleration is {found.acceleration(data.period):.2g} m/s², to a factor of {wide:.1f}."
     )
     long = "yes" if found.lasts and kept[0] > _HELPLESS else "no"
     yield (
@@ -206,15 +200,9 @@ def _answers(data: TrackPair, found: Fit, wide: float, unlike: float, kept: Arra
         says = f"no. {1 - found.white:.0%} of their variance lasts about {found.lasts:.2g} s"
     yield f"3. Errors of fixes are independent: {says}."
     longest = max((j - i for i, j in data.outages), default=0) * data.period
-    coasts = "yes" if longest > found.holds else "no"
-    stop = f"4. Fixes stop for longer than the INS holds: {coasts}."
-    yield f"{stop} The longest gap is {longest:.3g} s."
+    far = "yes" if longest > found.holds else "no"
+    yield f"4. Fixes stop for longer than the INS holds: {far}. The longest gap is {longest:.3g} s."
     yield "5 and 6. Of other networks and of wheels a file with one network tells nothing."
-
-
-def _acceleration(data: TrackPair, found: Fit) -> float:
-    """Return the deviation of the error of acceleration, as white from row to row, m/s²."""
-    return float(np.sqrt(found.density / data.period))
 
 
 def _figure(name: str, data: TrackPair, found: Fit, y: Array, rows: slice) -> Moving:
@@ -229,9 +217,9 @@ def _figure(name: str, data: TrackPair, found: Fit, y: Array, rows: slice) -> Mo
         sizes[factor] = float(np.sqrt(2 * np.nanmean(error**2)))
     what = "position" if data.reference is not None else "the next fix, as predicted"
     what, top = f"RMS error of {what}", 1.1 * min(max(sizes.values()), 5 * sizes[1.0])
-    slider = Slider("q", "assumed Q over the fitted one", _FACTORS, 1.0)
-    shown = Moving(f"What {name} answers", slider)
-    axes = {"x": "assumed Q over the fitted one (power of ten)", "y": "m", "xlim": (-3, 3)}
+    label = "assumed Q over the fitted one"
+    shown = Moving(f"What {name} answers", Slider("q", label, _FACTORS, 1.0))
+    axes = {"x": f"{label} (power of ten)", "y": "m", "xlim": (-3, 3)}
     chart = shown.chart(f"Both ways of being wrong about Q: {what}", ylim=(0, top), **axes)
     reached = np.minimum([*sizes.values()], top)
     shown.draw(chart, "kalman", "", (np.log10(_FACTORS), reached))
@@ -252,17 +240,14 @@ def _code(name: str, data: TrackPair, found: Fit, chosen: str) -> str:
     lines = [
         "from pathlib import Path", "import numpy as np", "import inswsn_lib as iw", "",
         f"data = iw.read_recording(Path({name!r}), resample=True)",
-        f"T, a = data.period, {_acceleration(data, found):.3g}  # s, m/s^2",
+        f"T, a = data.period, {found.acceleration(data.period):.3g}  # s, m/s^2",
         "model = iw.ErrorModel.p1(", "    T, process_noise=(a * T**2 / 2, a * T),",
         f"    measurement_noise=({position}, {velocity})", ")",
         "y = data.ins - data.wsn  # NaN where there is no fix",
     ]  # fmt: skip
     if chosen == "worst":
-        lines += [
-            "design = iw.design_filter(model)",
-            "first = y[np.isfinite(y).all(axis=1)][0]",
-            "error = iw.run_hinfinity(design, y, initial_state=first)",
-        ]
+        lines += ["first = y[np.isfinite(y).all(axis=1)][0]", "design = iw.design_filter(model)"]
+        lines += ["error = iw.run_hinfinity(design, y, initial_state=first)"]
     else:
         lines += ["P0 = [1e4, 1e4, 1e2, 1e2]"]
         if found.lasts:

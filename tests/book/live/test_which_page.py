@@ -60,16 +60,15 @@ def test_each_answer_is_found_where_it_is_right(made: Any, taken: str, code: str
 
 def test_how_long_errors_last_is_searched_for() -> None:
     """Errors of 0.2 m last for 8 s, beside a drift that holds them for 3.9 s."""
-    y, period, _ = measured(read("my.csv", lasting(tau=8.0).to_csv(index=False)))
-    found, _ = fit(y, period)
+    found, _ = fit(*measured(read("my.csv", lasting(tau=8.0).to_csv(index=False)))[:2])
     assert found.settled
     assert [found.lasts, found.noise[0], found.holds] == pytest.approx([8, 0.2, 3.9], rel=0.2)
 
 
 def test_a_gap_at_the_end_is_no_half_and_no_fix() -> None:
-    """Each half is of as many fixes."""
+    """Each half is of as many fixes, and what a filter leaves is told of a fix."""
     made = wild()
-    made.loc[500:, list(iw.logs.WSN)] = np.nan
+    made.loc[250:, list(iw.logs.WSN)] = np.nan
     said = decided(made.to_csv(index=False))["sentences"]
     assert len(re.findall(r" \d\d% of the error| \d\d% in velocity", said[1])) == 2
 
