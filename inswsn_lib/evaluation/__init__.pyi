@@ -12,6 +12,7 @@ from .consistency import (
     fit_noise as fit_noise,
     independent_count as independent_count,
     ljung_box as ljung_box,
+    log_likelihoods as log_likelihoods,
     mean_bounds as mean_bounds,
     mean_square as mean_square,
     normalised_squares as normalised_squares,

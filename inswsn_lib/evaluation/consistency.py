@@ -151,6 +151,39 @@ def normalised_squares(errors: ArrayLike, covariances: ArrayLike) -> Array:
     return back(squares)
 
 
+def log_likelihoods(errors: ArrayLike, covariances: ArrayLike) -> Array:
+    r"""Return the logarithm of the Gaussian density of errors, as of the innovations of a filter.
+
+    .. math:: -\tfrac12 \left(\epsilon_k' S_k^{-1} \epsilon_k + \ln \det 2 \pi S_k\right)
+
+    Their sum over innovations is the log-likelihood of what the filter assumes (Bar-Shalom, Li and
+    Kirubarajan 2001, Section 5.4).
+
+    Parameters
+    ----------
+    errors, covariances
+        As of `normalised_squares`, whose errors it raises.
+
+    Returns
+    -------
+    ndarray, (steps,) or (steps, runs)
+        Of densities in the inverse units of the components that are there; NaN where none is.
+
+    Examples
+    --------
+    >>> from inswsn_lib.evaluation import log_likelihoods
+    >>> log_likelihoods([[0.0], [3.0]], [[9.0]]).round(3).tolist()
+    [-2.018, -2.518]
+    """
+    squares, S = normalised_squares(errors, covariances), np.asarray(covariances, dtype=float)
+    e, back = of_runs("errors", errors, "steps", "n", "runs", gaps=True)
+    there = ~np.isnan(np.swapaxes(e, 1, 2))
+    S = np.moveaxis(S, 3, 1) if S.ndim == 4 else S[..., None, :, :]
+    both = there[..., :, None] & there[..., None, :]
+    sizes = np.linalg.slogdet(np.where(both, 2 * np.pi * S, np.eye(e.shape[1])))[1]
+    return np.asarray(-0.5 * (squares + back(sizes)))
+
+
 def _pattern_codes(there: Mask) -> NDArray[np.int64]:
     """Return a number (steps, runs) for each pattern in a mask (steps, n, runs)."""
     codes = np.zeros((there.shape[0], there.shape[2]), dtype=np.int64)
@@ -169,12 +202,12 @@ def _factors(covariances: Array) -> Array:
         raise ParameterError("covariances", given, "positive definite") from None
 
 
-def mean_bounds(count: int, degrees: int, probability: float = 0.95) -> tuple[float, float]:
+def mean_bounds(count: float, degrees: int, probability: float = 0.95) -> tuple[float, float]:
     """Return the interval that holds the mean of normalised squares with a probability.
 
     Parameters
     ----------
-    count : int
+    count : float
         How many independent squares are averaged.
     degrees : int
         Degrees of freedom of each: the number of components.
@@ -195,11 +228,10 @@ def mean_bounds(count: int, degrees: int, probability: float = 0.95) -> tuple[fl
     >>> print("{:.2f} {:.2f}".format(*iw.mean_bounds(10_000, 4)))
     3.94 4.06
     """
-    whole("count", count, 1)
+    number("count", count, above=0)
     whole("degrees", degrees, 1)
     tail = (1 - number("probability", probability, above=0, below=1)) / 2
-    of_sum = (chi_square(level, count * degrees) for level in (tail, 1 - tail))
-    low, high = (quantile / count for quantile in of_sum)
+    low, high = (chi_square(level, count * degrees) / count for level in (tail, 1 - tail))
     return low, high
 
 
@@ -266,10 +298,8 @@ def mean_square(mean: float, degrees: float) -> Statistic:
     >>> print("{:.2f} {:.2f} {:.2f}".format(*mean_square(1.1, 1000)))
     1.10 0.86 1.15
     """
-    tail = FALSE_ALARM / 2
     count = min(float(degrees), float(_TELL))
-    low, high = (chi_square(level, count) / count for level in (tail, 1 - tail))
-    return Statistic(float(mean), low, high)
+    return Statistic(float(mean), *mean_bounds(count, 1, 1 - FALSE_ALARM))
 
 
 def colour(innovations: Sequence[ArrayLike], spacing: int = 1) -> Statistic:

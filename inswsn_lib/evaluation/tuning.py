@@ -152,14 +152,11 @@ def search_pattern(
             raise ParameterError("loss", given, "a number, and finite at the start")
 
     attempt((0,) * len(origin))
+    ways = np.kron(np.eye(len(origin), dtype=int), [[1], [-1]])
     settled = False
     while len(tried) < most and not settled:
         centre = min(tried, key=lambda place: tried[place])
-        around = [
-            (*centre[:i], centre[i] + way, *centre[i + 1 :])
-            for i in range(len(origin))
-            for way in (1, -1)
-        ]
+        around = [tuple(place) for place in (np.array(centre) + ways).tolist()]
         new = [place for place in around if place not in tried]
         for place in new[: most - len(tried)]:
             attempt(place)

@@ -112,6 +112,10 @@ class Rung:
     series: list[tuple[Array, Whole]]
     lasting: int | None = None
 
+    def likely(self, *numbers: float, end: float) -> float:
+        """Return the log-likelihood of its innovations until a time, s."""
+        return self.run(*numbers, end=end, kept=False).log_likelihood
+
 
 @dataclass(frozen=True, eq=False)
 class Correction(ABC):
@@ -504,7 +508,7 @@ def _on_a_side(
         try:
             filters = build(fixes_of(ranges, periods, side=side))
             white, begun = filters.rungs[WHITE], filters.start.time
-            likely = white.run(*white.begin, end=filters.middle, kept=False).log_likelihood
+            likely = white.likely(*white.begin, end=filters.middle)
             found[side] = filters, begun, likely
         except InswsnError as error:
             said = said or str(error)

@@ -6,7 +6,8 @@ It needs numpy alone: the page on your own data calls it in a browser.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -19,7 +20,9 @@ from inswsn_lib.evaluation.consistency import (
     normalised_squares,
     whiteness,
 )
+from inswsn_lib.filters.kalman import KalmanDesign, design_kalman, run_kalman
 from inswsn_lib.logs.findings import Finding, judged, unknown
+from inswsn_lib.models import ErrorModel
 from inswsn_lib.streams import Whole
 
 _FEWEST = 30  # innovations
@@ -30,6 +33,32 @@ _RIGHT = {
     "whiteness": "they are white by the test of Ljung and Box",
     "errors": "errors are as large as the filter says",
 }
+
+
+@dataclass(frozen=True, eq=False)
+class FilterRun:
+    """A run of the Kalman filter over a recording, with what its innovations are judged by.
+
+    `states` (steps, n) or (steps, n, runs) are after each measurement, in the units of the model,
+    `innovations` (steps, m) or (steps, m, runs) NaN where missing. `design` has their covariances.
+    """
+
+    design: KalmanDesign
+    states: Array
+    innovations: Array
+
+    @classmethod
+    def of(cls, model: ErrorModel, y: Array, P0: Array) -> FilterRun:
+        """Run it over y (steps, m) or (steps, m, runs), runs with one pattern, from zero and P0."""
+        there = np.isfinite(y.reshape(*y.shape[:2], -1)[..., 0])
+        states, left = run_kalman(model, y, initial_covariance=P0), y.copy()
+        left[1:] -= np.einsum("mn,kn...->km...", model.C @ model.A, states[:-1])
+        return cls(design_kalman(model, there, initial_covariance=P0), states, left)
+
+    @cached_property
+    def nis(self) -> Array:
+        """The normalised squares of innovations, (steps,) or (steps, runs)."""
+        return normalised_squares(self.innovations, self.design.innovation)
 
 
 def check_innovations(

@@ -356,11 +356,8 @@ nothing to correct fixes with.
             one_of("name", name, (*self.rungs, *self.families))
             if name in self.rungs:
                 rung, end = self.rungs[name], self.tuning_end(name)
-                found = most_likely(
-                    name, rung.begin,
-                    lambda *x: rung.run(*x, end=end, kept=False).log_likelihood,
-                    begins=self.begins,
-                )  # fmt: skip
+                likely = partial(rung.likely, end=end)
+                found = most_likely(name, rung.begin, likely, begins=self.begins)
                 found = self._sized(rung, found) if end < self.split else found
             else:  # those of P1's form take long, and end alike from each begin
                 likely, begins = partial(self._by_errors, name), min(self.begins, 2)

@@ -369,10 +369,7 @@ def _more_likely(other: Ladder, ladder: Ladder) -> float:
         return np.nan
     name = next(iter(ladder.rungs))
     numbers, end = ladder.rungs[name].begin, ladder.tuning_end(name)
-    mine, its = (
-        each.rungs[name].run(*numbers, end=end, kept=False).log_likelihood
-        for each in (ladder, other)
-    )
+    mine, its = (each.rungs[name].likely(*numbers, end=end) for each in (ladder, other))
     return its - mine
 
 

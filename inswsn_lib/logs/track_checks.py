@@ -17,14 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from inswsn_lib.checks import Array, covariance, positive_definite
 from inswsn_lib.errors import Described, ParameterError
-from inswsn_lib.evaluation.consistency import (
-    chi_square,
-    independent_count,
-    mean_square,
-    normalised_squares,
-)
-from inswsn_lib.filters import design_kalman, run_kalman
-from inswsn_lib.logs.filter_checks import check_filter
+from inswsn_lib.evaluation.consistency import chi_square, independent_count, mean_square
+from inswsn_lib.logs.filter_checks import FilterRun, check_filter
 from inswsn_lib.logs.findings import FALSE_ALARM, Finding, judged, unknown
 from inswsn_lib.logs.ins_wsn import TrackPair
 from inswsn_lib.logs.set_up_checks import longest_run
@@ -175,13 +169,10 @@ def _in_itself(data: TrackPair) -> Iterator[Finding]:
 
 
 def _innovations(data: TrackPair, model: ErrorModel, P0: Array) -> Iterator[Finding]:
-    y = data.measurements[:, : len(model.C), 0]
-    there = ~np.isnan(y)
-    S = design_kalman(model, there, initial_covariance=P0).innovation
-    left = y - run_kalman(model, y, initial_covariance=P0, predicted=True) @ model.C.T
-    counts, each = there.sum(axis=1), normalised_squares(left, S)
+    run = FilterRun.of(model, data.measurements[:, : len(model.C), 0], P0)
+    counts = np.isfinite(run.innovations).sum(axis=1)
     fixes = np.flatnonzero(counts)
-    squares, counts = each[fixes], counts[fixes]
+    squares, counts = run.nis[fixes], counts[fixes]
     # what stands out does so beside the others, however large they are
     scale = max(1.0, float(np.median(squares / _chi_squares(0.5, counts))))
     value, bound = float(squares[0]) / scale, chi_square(1 - FALSE_ALARM, int(counts[0]))
@@ -196,7 +187,7 @@ def _innovations(data: TrackPair, model: ErrorModel, P0: Array) -> Iterator[Find
     at = data.time[fixes[1:]][np.argmax(far)] if len(far) else np.nan
     says = f"{count} fixes stand out, most that at {at:.6g} s: wrong fixes, a jump"
     yield judged("outliers", "fixes", count, 0, 0, "none stands out", says)
-    yield from check_filter(left, S)
+    yield from check_filter(run.innovations, run.design.innovation)
 
 
 def _chi_squares(level: float, degrees: NDArray[np.int64]) -> Array:

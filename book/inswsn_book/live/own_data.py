@@ -15,11 +15,10 @@ import numpy as np
 
 from inswsn_lib.checks import Array, number
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.evaluation.consistency import autocorrelation, normalised_squares
+from inswsn_lib.evaluation.consistency import autocorrelation
 from inswsn_lib.filters.expected_ratio import ErrorStatistics
-from inswsn_lib.filters.kalman import design_kalman, run_kalman
 from inswsn_lib.logs.columns import columns_of
-from inswsn_lib.logs.filter_checks import usual_spacing
+from inswsn_lib.logs.filter_checks import FilterRun, usual_spacing
 from inswsn_lib.logs.findings import Finding
 from inswsn_lib.logs.ins_wsn import TrackPair, track_pair
 from inswsn_lib.logs.track_checks import check_recording
@@ -47,23 +46,7 @@ FIGURES = {
 MOST = 50_000
 _LAGS = 20
 _COMPONENTS = ("x", "y", "v_x", "v_y")
-
-
-@dataclass(frozen=True, eq=False)
-class Filtered:
-    """What the filter makes of a recording, over its steps.
-
-    `corrected`, `errors` and `innovations` are (steps, 4), NaN where missing, `covariances`
-    (steps, 4, 4) those of the innovations, `nis` and `sigma` (steps,): the deviation of the
-    position, m.
-    """
-
-    corrected: Array
-    errors: Array
-    innovations: Array
-    covariances: Array
-    nis: Array
-    sigma: Array
+_TRACKS = ("INS", "reference", "network and reference")  # of which checks are, not of figures
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,16 +55,26 @@ class Examined:
 
     `findings` are those of `check_recording`, `white` is of `_whiteness`. `errors` has a row for
     each track and situation, if there is a reference; `expected` are then the ratios of
-    `ErrorStatistics`, or why there are none.
+    `ErrorStatistics`, or why there are none: nothing where the tracks do not fit.
     """
 
     name: str
     data: TrackPair
-    filtered: Filtered
+    filtered: FilterRun
     findings: list[Finding]
     white: dict[str, Any]
     errors: list[dict[str, Any]]
     expected: tuple[float, float] | str
+
+    @property
+    def corrected(self) -> Array:
+        """The track of the INS less what the filter finds of its errors, (steps, 4)."""
+        return self.data.ins - self.filtered.states
+
+    @property
+    def sigma(self) -> Array:
+        """The deviation of the corrected position, (steps,), m."""
+        return np.asarray(np.sqrt(self.filtered.design.filtered[:, [0, 1], [0, 1]].sum(axis=1)))
 
     @property
     def of_filter(self) -> dict[str, Finding]:
@@ -121,10 +114,13 @@ def examine(text: str, options: Mapping[str, Any]) -> Examined:
     if not np.isfinite(data.ins - data.wsn).any():
         raise InswsnError(f"{name} has no fix where the INS has a row.")
     model, initial = _assumed(data.period, figures)
-    filtered = _filtered(data, model, initial)
+    filtered = FilterRun.of(model, data.ins - data.wsn, initial)
     findings = check_recording(data, model, initial_covariance=initial)
     white, errors = _whiteness(data, filtered), _errors(data, filtered)
-    return Examined(name, data, filtered, findings, white, errors, _expected(data))
+    # differences of tracks that are late, or in other axes or units, are not errors of fixes
+    wrong = {each.name for each in findings if each.subject in _TRACKS and each.fits is False}
+    expected = "" if wrong - {"size"} else _expected(data)
+    return Examined(name, data, filtered, findings, white, errors, expected)
 
 
 def read(name: str, text: str) -> TrackPair:
@@ -155,28 +151,12 @@ def _assumed(period: float, figures: Mapping[str, float]) -> tuple[ErrorModel, A
     return model, np.diag(np.repeat(first, 2) ** 2)
 
 
-def _filtered(data: TrackPair, model: ErrorModel, initial: Array) -> Filtered:
-    """Run the filter as the page on your own data does."""
-    y = data.ins - data.wsn
-    design = design_kalman(model, ~np.isnan(y), initial_covariance=initial)
-    errors = run_kalman(model, y, initial_covariance=initial)
-    innovations = y - np.vstack([0 * errors[:1], errors[:-1] @ model.A.T]) @ model.C.T
-    return Filtered(
-        corrected=data.ins - errors,
-        errors=errors,
-        innovations=innovations,
-        covariances=design.innovation,
-        nis=normalised_squares(innovations, design.innovation),
-        sigma=np.sqrt(design.filtered[:, [0, 1], [0, 1]].sum(axis=1)),
-    )
-
-
-def _whiteness(data: TrackPair, found: Filtered) -> dict[str, Any]:
+def _whiteness(data: TrackPair, found: FilterRun) -> dict[str, Any]:
     """Return the autocorrelation of the innovations of each component, by ``lags`` of a usual fix.
 
     ``interval`` is a lag, s.
     """
-    deviations = np.sqrt(np.diagonal(found.covariances, axis1=1, axis2=2))
+    deviations = np.sqrt(np.diagonal(found.design.innovation, axis1=1, axis2=2))
     scaled = found.innovations / deviations
     usual = usual_spacing(np.asarray(np.isfinite(scaled).any(axis=1)))
     lags = [lag for lag in range(1, _LAGS + 1) if lag * usual < len(scaled)]
@@ -203,7 +183,7 @@ def _expected(data: TrackPair) -> tuple[float, float] | str:
         return str(error)
 
 
-def _errors(data: TrackPair, found: Filtered) -> list[dict[str, Any]]:
+def _errors(data: TrackPair, found: FilterRun) -> list[dict[str, Any]]:
     """Return the root mean square errors of each track, if there is a reference."""
     if data.reference is None:
         return []
@@ -211,20 +191,14 @@ def _errors(data: TrackPair, found: Filtered) -> list[dict[str, Any]]:
     for first, end in data.outages:
         silent[first:end] = True
     there = ~np.isnan(data.ins).any(axis=1)
-    parts = {"position": slice(0, 2), "velocity": slice(2, 4)}
     told = []
     for track, values in (
-        ("INS alone", data.ins), ("network", data.wsn), ("INS corrected", found.corrected),
+        ("INS alone", data.ins), ("network", data.wsn), ("INS corrected", data.ins - found.states),
     ):  # fmt: skip
+        squares = np.sum((values - data.reference).reshape(-1, 2, 2) ** 2, axis=2)
         for when, rows in (("with fixes", there & ~silent), ("in outages", there & silent)):
-            error = (values - data.reference)[rows]
-            sizes = {what: _root_mean_square(error[:, part]) for what, part in parts.items()}
-            if any(size is not None for size in sizes.values()):
-                told.append({"track": track, "when": when, **sizes})
+            known = [column[np.isfinite(column)] for column in squares[rows].T]
+            far, fast = (float(np.sqrt(x.mean())) if x.size else None for x in known)
+            if any(x.size for x in known):
+                told.append({"track": track, "when": when, "position": far, "velocity": fast})
     return told
-
-
-def _root_mean_square(error: Array) -> float | None:
-    """Return that of errors (steps, 2), over the steps that have both; None if none has."""
-    squares = np.sum(error**2, axis=1)
-    return float(np.sqrt(np.nanmean(squares))) if np.isfinite(squares).any() else None

@@ -61,7 +61,7 @@ def look(text: str, options: Mapping[str, Any]) -> dict[str, Any]:
         "sentences": sentences,
         "figure": shown.content(),
         "tables": [*_tables(found)],
-        "csv": _corrected(found.data.time, found.filtered.corrected),
+        "csv": _corrected(found.data.time, found.corrected),
     }
 
 
@@ -77,10 +77,11 @@ def _told(found: Examined) -> Iterator[str]:
     yield _outages_told(data)
     yield from _fit_told(found)
     yield verdict(found.findings)
-    yield expected_told(found)
+    if found.expected:
+        yield _expected_told(found)
 
 
-def expected_told(found: Examined) -> str:
+def _expected_told(found: Examined) -> str:
     """Say what a filter is expected to leave of the errors of fixes, or why that is unknown."""
     if isinstance(found.expected, str):
         return found.expected
@@ -190,9 +191,7 @@ def _draw_tracks(shown: Moving, found: Examined) -> None:
     data = found.data
     start = data.ins[np.isfinite(data.ins[:, 0])][0, :2]
     fixes = data.wsn[np.isfinite(data.wsn[:, :2]).all(axis=1)]
-    ins, network, corrected = (
-        track[:, :2] - start for track in (data.ins, fixes, found.filtered.corrected)
-    )
+    ins, network, corrected = (track[:, :2] - start for track in (data.ins, fixes, found.corrected))
     x, y = (_ends(ins[:, k], network[:, k], corrected[:, k]) for k in (0, 1))
     apart = 0.3 * (x[1] - x[0]) - (y[1] - y[0])  # a straight track has some room about it
     if apart > 0:
@@ -204,8 +203,8 @@ def _draw_tracks(shown: Moving, found: Examined) -> None:
 
 
 def _draw_error(shown: Moving, found: Examined) -> None:
-    data, sigma = found.data, found.filtered.sigma
-    clock, size = data.time - data.time[0], np.linalg.norm(found.filtered.errors[:, :2], axis=1)
+    data, sigma = found.data, found.sigma
+    clock, size = data.time - data.time[0], np.linalg.norm(found.filtered.states[:, :2], axis=1)
     low, high = np.maximum(size - sigma, 0), size + sigma
     chart = shown.chart(
         "Error of the INS, ± 1 sigma", x=_CLOCK, y="estimate (m)",

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -16,15 +16,16 @@ from inswsn_book.live.own_data import read
 from inswsn_book.show.moving import Moving, Slider
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.evaluation.consistency import normalised_squares
-from inswsn_lib.filters.kalman import KalmanDesign, design_kalman, run_kalman
-from inswsn_lib.logs.filter_checks import check_filter, say_noise, usual_spacing
+from inswsn_lib.evaluation.consistency import log_likelihoods
+from inswsn_lib.evaluation.tuning import Tuning, search_pattern, tune
+from inswsn_lib.logs.filter_checks import FilterRun, check_filter, say_noise, usual_spacing
 from inswsn_lib.logs.ins_wsn import TrackPair
 from inswsn_lib.models import ErrorModel
 
 _MOST, _FEWEST, _SETTLED = 600, 60, 5  # fixes that are fitted, and the first that do not count
 _HOLDS = np.geomspace(2, 2000, 13)  # intervals of fixes for which the INS holds their accuracy
-_LASTS, _WHITE = (2, 5, 15, 50), (0.02, 0.3)  # intervals that errors last; a share does not
+_LASTS, _SHARE, _WHITE = 5.0, 0.02, 0.5  # intervals that errors last; the share that does not
+_RATIOS, _TRIALS = (3.0, 10.0, _HOLDS[1] / _HOLDS[0]), 60
 _BETTER, _ALIKE = 10.0, 2.0  # by how much a logarithm of a likelihood tells, and does not
 _KNOWN, _HELPLESS = 10.0, 0.9  # a factor of deviations, and what is next to no gain
 _FACTORS = (0.001, 0.01, 0.1, 1.0, 10.0, 100.0, 1000.0)  # of Q
@@ -36,7 +37,7 @@ class Fit:
 
     `noise` are deviations of position (m) and velocity (m/s) of fixes, of which the share `white`
     is white and the rest lasts `lasts` s; `holds` s long the INS holds the accuracy of a fix.
-    `likely` are logarithms of the likelihood: of all that is fitted, and of each half.
+    `settled` tells whether the search for them has, as of `Tuning`.
     """
 
     period: float
@@ -44,69 +45,33 @@ class Fit:
     lasts: float
     white: float
     noise: Array
-    likely: tuple[float, ...] = ()
+    settled: bool = False
 
-    @property
-    def density(self) -> float:
-        """Of the random walk of the INS's velocity error, m²/s³."""
-        return float(3 * self.noise[0] ** 2 / self.holds**3)
+    def acceleration(self, period: float) -> float:
+        """Return the deviation of the INS's acceleration error, if white by such periods, m/s²."""
+        return float(np.sqrt(3 * self.noise[0] ** 2 / self.holds**3 / period))
 
     def model(self, factor: float = 1.0) -> ErrorModel:
         """Return the model of an axis, with the drift's variance times a factor."""
-        step = np.sqrt(self.density * self.period * factor)
+        step = self.acceleration(self.period) * self.period * np.sqrt(factor)
         model = ErrorModel(
             A=np.array([[1, self.period], [0, 1]]), B=np.diag([step * self.period / 2, step]),
             C=np.eye(2)[: len(self.noise)], D=np.diag(self.noise), period=self.period,
         )  # fmt: skip
         return model.with_coloured_noise(self.lasts, self.white) if self.lasts else model
 
-    def run(self, y: Array, factor: float = 1.0) -> Run:
+    def run(self, y: Array, factor: float = 1.0) -> FilterRun:
         """Run its filter over INS less network, (steps, components, axes)."""
-        model, lasting = self.model(factor), (1 - self.white) * self.noise**2
+        lasting = (1 - self.white) * self.noise**2 if self.lasts else np.zeros(0)
         far = 1e4 * self.noise[0] ** 2 * np.array([1, 1 / self.period**2])
-        P0 = np.diag(np.append(far, lasting if self.lasts else []))
-        there = np.isfinite(y[..., 0])
-        ahead = run_kalman(model, y, initial_covariance=P0, predicted=True)
-        return Run(
-            design_kalman(model, there, initial_covariance=P0),
-            run_kalman(model, y, initial_covariance=P0)[:, :2],
-            y - np.einsum("ij,kja->kia", model.C, ahead),
-        )
+        return FilterRun.of(self.model(factor), y, np.diag(np.append(far, lasting)))
 
 
-@dataclass(frozen=True)
-class Run:
-    """What a filter finds: its design, the error of the INS, and innovations, by step and axis."""
-
-    design: KalmanDesign
-    states: Array
-    innovations: Array
-
-    @cached_property
-    def nis(self) -> float:
-        """The mean normalised square of a component of an innovation."""
-        S, left = (x[_SETTLED:] for x in (self.design.innovation, self.innovations))
-        total = sum(np.nansum(normalised_squares(left[..., axis], S)) for axis in (0, 1))
-        return float(total / np.isfinite(left).sum())
-
-    @property
-    def halves(self) -> tuple[Run, Run]:
-        """It before and after its middle."""
-        half, of = len(self.states) // 2, self.design
-
-        def part(p: slice) -> Run:
-            design = KalmanDesign(of.gains[p], of.predicted[p], of.filtered[p], of.innovation[p])
-            return Run(design, self.states[p], self.innovations[p])
-
-        return part(slice(None, half)), part(slice(half - _SETTLED, None))
-
-    @property
-    def likely(self) -> float:
-        """The logarithm of the likelihood, all variances times what makes the mean NIS 1."""
-        left, S = (x[_SETTLED:] for x in (self.innovations, self.design.innovation))
-        there = np.isfinite(left[:, 0, 0])
-        sizes = 2 * float(np.linalg.slogdet(S[there])[1].sum())
-        return -0.5 * (int(np.isfinite(left).sum()) * float(np.log(self.nis)) + sizes)
+def _told(run: FilterRun, rows: slice = slice(_SETTLED, None)) -> tuple[float, float]:
+    """Return the mean NIS of a component, and how likely steps are, all variances times it."""
+    left, S = run.innovations[rows], run.design.innovation[rows]
+    nis = float(np.nansum(run.nis[rows]) / np.isfinite(left).sum())
+    return nis, float(np.nansum(log_likelihoods(left, nis * S)))
 
 
 def measured(data: TrackPair) -> tuple[Array, float, slice]:
@@ -129,28 +94,40 @@ def fit(y: Array, period: float) -> tuple[Fit, list[tuple[float, float]]]:
     """
     apart = np.diff(y, 2, axis=0)
     noise = np.maximum(np.sqrt(np.nanmean(apart**2, axis=(0, 2)) / 6), 1e-9)
+    there, holds = np.flatnonzero(np.isfinite(y[:, 0, 0])), (_HOLDS * period).tolist()
+    half = int(there[len(there) // 2])
+    parts = slice(_SETTLED, None), slice(_SETTLED, half), slice(half, None)
 
-    def tried(holds: Array, lasts: float = 0.0, white: float = 1.0) -> Iterator[Fit]:
-        for hold in holds:
-            run = Fit(period, hold, lasts, white, noise).run(y)
-            likely = run.likely, *(half.likely for half in run.halves)
-            yield Fit(period, hold, lasts, white, noise * run.nis**0.5, likely)
+    @cache
+    def run(lasts: float, white: float, hold: float) -> FilterRun:
+        return Fit(period, hold, lasts, white, noise).run(y)
 
-    def best(found: list[Fit]) -> Fit:
-        return max(found, key=lambda each: each.likely[0])
+    def loss(part: slice, *figures: float) -> float:
+        return -_told(run(*figures), part)[1] if figures[1] < _WHITE or not figures[0] else np.inf
 
-    holds, found = _HOLDS * period, [*tried(_HOLDS * period)]
-    longer = holds[found.index(best(found)) :][:5:2]  # errors that last look like drift
-    lasting = best([x for t in _LASTS for w in _WHITE for x in tried(longer, t * period, w)])
-    if lasting.likely[0] - best(found).likely[0] > _BETTER:
-        found = [*tried(holds, lasting.lasts, lasting.white)]
+    def by_holds(*errors: float) -> list[Tuning[float]]:
+        return [tune("hold time", holds, partial(loss, part, *errors)) for part in parts]
+
+    def along(lasts: float, white: float, hold: float) -> tuple[float, float, float]:
+        """Return figures: white errors and drift stay, as densities, while `lasts` changes."""
+        return lasts, white * start[0] / lasts, hold * (lasts / start[0]) ** (1 / 3)
+
+    found, errors = by_holds(0.0, 1.0), (0.0, 1.0)
+    start = _LASTS * period, _SHARE, found[0].best
+    lasting = search_pattern(
+        "lasting", start, _RATIOS, lambda *x: loss(parts[0], *along(*x)), _TRIALS
+    )
+    if found[0].loss - lasting.loss > _BETTER:
+        errors = along(*lasting.best)[:2]
+        found = by_holds(*errors)
     alike = []
-    for likely in np.array([each.likely for each in found]).T:
-        near = holds[likely > likely.max() - _ALIKE]
-        alike.append((float(near[0]), float(near[-1])))
-    if alike[0][1] == holds[-1]:  # a drift too small to be seen: the largest that is as likely
-        return found[holds.tolist().index(alike[0][0])], alike
-    return best(found), alike
+    for each in found:
+        near = [x for x, y in zip(holds, each.losses, strict=True) if y < each.loss + _ALIKE]
+        alike.append((near[0], near[-1]))
+    # a drift too small to be seen: the largest that is as likely
+    hold = found[0].best if alike[0][1] < holds[-1] else alike[0][0]
+    settled, nis = lasting.settled and hold > holds[0], _told(run(*errors, hold))[0]
+    return Fit(period, hold, *errors, noise * nis**0.5, settled), alike
 
 
 def decide(text: str, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -174,7 +151,8 @@ def decide(text: str, options: Mapping[str, Any]) -> dict[str, Any]:
     y, period, rows = measured(data)
     found, (alike, *halves) = fit(y, period)
     run = found.run(y)
-    kept = np.sqrt(run.design.filtered[-1].diagonal()[: len(found.noise)]) / found.noise
+    at = np.flatnonzero(np.isfinite(y[:, 0, 0]))[-1]  # a fix: no gap at the end
+    kept = np.sqrt(run.design.filtered[at].diagonal()[: len(found.noise)]) / found.noise
     # deviations of the drift go with the hold time to the power of 3/2
     wide = max((alike[1] / alike[0]) ** 0.75, (_HOLDS[1] / _HOLDS[0]) ** 0.75)
     unlike = (max(low for low, _ in halves) / min(high for _, high in halves)) ** 1.5
@@ -184,16 +162,12 @@ def decide(text: str, options: Mapping[str, Any]) -> dict[str, Any]:
     checks = check_filter(run.innovations.reshape(len(y), -1), S)
     sentences = [
         *_answers(data, found, wide, unlike, kept),
-        f"Does that fit? Of the noise figures: {say_noise(checks)}.",
+        f"Does that fit? Of the noise figures: {say_noise(checks)}. The search for them "
+        f"{'settled' if found.settled else 'did not settle: they may be far off'}.",
         f"Take {TAKEN[chosen]}; the code below has your numbers.",
     ]
-    return {
-        "name": name,
-        "sentences": sentences,
-        "figure": _figure(name, data, found, y, rows).content(),
-        "tables": [],
-        "code": _code(name, data, found, chosen),
-    }
+    figure, code = _figure(name, data, found, y, rows).content(), _code(name, data, found, chosen)
+    return {"name": name, "sentences": sentences, "figure": figure, "tables": [], "code": code}
 
 
 TAKEN = {
@@ -207,15 +181,12 @@ TAKEN = {
 
 def _answers(data: TrackPair, found: Fit, wide: float, unlike: float, kept: Array) -> Iterator[str]:
     """Answer the questions of the page, as they are numbered there."""
-    units = zip(found.noise, ("m", "m/s"), strict=False)
-    known = "yes"
-    if unlike > _KNOWN:
-        known = f"no, the halves of the file have drifts that differ by a factor of {unlike:.0f}"
+    apart = f"no, the halves of the file have drifts that differ by a factor of {unlike:.0f}"
+    known = apart if unlike > _KNOWN else "yes"
+    scatter = " and ".join(f"{x:.3g} {m}" for x, m in zip(found.noise, ("m", "m/s"), strict=False))
     yield (
-        f"1. Drift and noise are known: {known}. Fixes scatter by "
-        + " and ".join(f"{size:.3g} {unit}" for size, unit in units)
-        + f"; the error of the INS's acceleration is {_acceleration(data, found):.2g} m/s², to a "
-        f"factor of {wide:.1f}."
+        f"1. Drift and noise are known: {known}. Fixes scatter by {scatter}; the error of the INS's"
+        f" acceleration is {found.acceleration(data.period):.2g} m/s², to a factor of {wide:.1f}."
     )
     long = "yes" if found.lasts and kept[0] > _HELPLESS else "no"
     yield (
@@ -224,23 +195,14 @@ def _answers(data: TrackPair, found: Fit, wide: float, unlike: float, kept: Arra
         "error of a fix in position"
         + (f" and {kept[1]:.0%} in velocity." if len(kept) > 1 else ".")
     )
+    says = "there is no sign that they last"
     if found.lasts:
-        yield (
-            f"3. Errors of fixes are independent: no. {1 - found.white:.0%} of their variance "
-            f"lasts about {found.lasts:.2g} s."
-        )
-    else:
-        yield "3. Errors of fixes are independent: there is no sign that they last."
+        says = f"no. {1 - found.white:.0%} of their variance lasts about {found.lasts:.2g} s"
+    yield f"3. Errors of fixes are independent: {says}."
     longest = max((j - i for i, j in data.outages), default=0) * data.period
-    coasts = "yes" if longest > found.holds else "no"
-    gap = f"The longest gap is {longest:.3g} s."
-    yield f"4. Fixes stop for longer than the INS holds: {coasts}. {gap}"
+    far = "yes" if longest > found.holds else "no"
+    yield f"4. Fixes stop for longer than the INS holds: {far}. The longest gap is {longest:.3g} s."
     yield "5 and 6. Of other networks and of wheels a file with one network tells nothing."
-
-
-def _acceleration(data: TrackPair, found: Fit) -> float:
-    """Return the deviation of the error of acceleration, as white from row to row, m/s²."""
-    return float(np.sqrt(found.density / data.period))
 
 
 def _figure(name: str, data: TrackPair, found: Fit, y: Array, rows: slice) -> Moving:
@@ -248,16 +210,16 @@ def _figure(name: str, data: TrackPair, found: Fit, y: Array, rows: slice) -> Mo
     told, sizes = {}, {}
     for factor in _FACTORS:
         run = found.run(y, factor)
-        error, told[factor] = run.innovations[_SETTLED:, 0], run.nis
+        error, told[factor] = run.innovations[_SETTLED:, 0], _told(run)[0]
         if data.reference is not None:
             true = (data.ins - data.reference)[rows].reshape(-1, 2, 2)[: len(y)]
-            error = (run.states - true)[_SETTLED:, 0]
+            error = (run.states[:, :2] - true)[_SETTLED:, 0]
         sizes[factor] = float(np.sqrt(2 * np.nanmean(error**2)))
     what = "position" if data.reference is not None else "the next fix, as predicted"
     what, top = f"RMS error of {what}", 1.1 * min(max(sizes.values()), 5 * sizes[1.0])
-    slider = Slider("q", "assumed Q over the fitted one", _FACTORS, 1.0)
-    shown = Moving(f"What {name} answers", slider)
-    axes = {"x": "assumed Q over the fitted one (power of ten)", "y": "m", "xlim": (-3, 3)}
+    label = "assumed Q over the fitted one"
+    shown = Moving(f"What {name} answers", Slider("q", label, _FACTORS, 1.0))
+    axes = {"x": f"{label} (power of ten)", "y": "m", "xlim": (-3, 3)}
     chart = shown.chart(f"Both ways of being wrong about Q: {what}", ylim=(0, top), **axes)
     reached = np.minimum([*sizes.values()], top)
     shown.draw(chart, "kalman", "", (np.log10(_FACTORS), reached))
@@ -278,17 +240,14 @@ def _code(name: str, data: TrackPair, found: Fit, chosen: str) -> str:
     lines = [
         "from pathlib import Path", "import numpy as np", "import inswsn_lib as iw", "",
         f"data = iw.read_recording(Path({name!r}), resample=True)",
-        f"T, a = data.period, {_acceleration(data, found):.3g}  # s, m/s^2",
+        f"T, a = data.period, {found.acceleration(data.period):.3g}  # s, m/s^2",
         "model = iw.ErrorModel.p1(", "    T, process_noise=(a * T**2 / 2, a * T),",
         f"    measurement_noise=({position}, {velocity})", ")",
         "y = data.ins - data.wsn  # NaN where there is no fix",
     ]  # fmt: skip
     if chosen == "worst":
-        lines += [
-            "design = iw.design_filter(model)",
-            "first = y[np.isfinite(y).all(axis=1)][0]",
-            "error = iw.run_hinfinity(design, y, initial_state=first)",
-        ]
+        lines += ["first = y[np.isfinite(y).all(axis=1)][0]", "design = iw.design_filter(model)"]
+        lines += ["error = iw.run_hinfinity(design, y, initial_state=first)"]
     else:
         lines += ["P0 = [1e4, 1e4, 1e2, 1e2]"]
         if found.lasts:

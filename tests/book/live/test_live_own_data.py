@@ -78,10 +78,10 @@ def test_it_is_what_the_library_finds(found: Examined) -> None:
     stated = np.sqrt(design.filtered[:, [0, 1], [0, 1]].sum(axis=1))
     for ours, usual in (
         (found.data.time, data.time),
-        (found.filtered.corrected, data.ins - errors),
+        (found.corrected, data.ins - errors),
         (found.filtered.innovations, innovations),
         (found.filtered.nis, normalised_squares(innovations, design.innovation)),
-        (found.filtered.sigma, stated),
+        (found.sigma, stated),
     ):
         np.testing.assert_allclose(ours, usual, rtol=1e-9, atol=1e-9)
     assert found.data.outages == data.outages
@@ -96,14 +96,14 @@ def test_what_is_drawn_is_what_is_found(found: Examined, shown: dict[str, Any]) 
     far = max(high - low for low, high in (track["x"]["ends"], track["y"]["ends"]))
     for method, style, values in (
         ("ins", "line", data.ins[there]),
-        ("kalman", "line", filtered.corrected[there]),
+        ("kalman", "line", found.corrected[there]),
         ("network", "points", data.wsn[fixed]),
     ):
         drawn = series(track, method, style)
         wanted = (values - data.ins[0])[:, :2].T  # from where the INS begins
         np.testing.assert_allclose(drawn, wanted, atol=1e-4 * far)
-    size = np.linalg.norm(filtered.errors[:, :2], axis=1)
-    wanted = [clock, np.maximum(size - filtered.sigma, 0), size + filtered.sigma]
+    size = np.linalg.norm(filtered.states[:, :2], axis=1)
+    wanted = [clock, np.maximum(size - found.sigma, 0), size + found.sigma]
     np.testing.assert_allclose(series(error, "kalman", "band"), wanted, atol=0.01)
     np.testing.assert_allclose(series(error, "kalman"), [clock, size], atol=0.01)
     time, value = series(nis, "kalman", "points")
@@ -151,7 +151,7 @@ def test_the_file_is_that_of_the_chapter(found: Examined, shown: dict[str, Any])
     assert list(table) == ["time_s", *(name.replace("ins", "corrected") for name in iw.logs.INS)]
     np.testing.assert_allclose(table["time_s"], found.data.time, atol=1e-6)
     np.testing.assert_allclose(
-        table.iloc[:, 1:].to_numpy(), found.filtered.corrected, atol=1e-6, equal_nan=True
+        table.iloc[:, 1:].to_numpy(), found.corrected, atol=1e-6, equal_nan=True
     )
     assert table.to_csv(index=False) == shown["csv"]
 
@@ -229,6 +229,8 @@ def test_mistakes_are_told_with_numpy_alone(made: Callable[[], pd.DataFrame], sa
     (checks,) = (each for each in shown["tables"] if each["header"][0] == "check")
     assert any(said in row[-1] for row in checks["rows"])
     assert any(said.startswith("Recording and figures do not fit") for said in shown["sentences"])
+    # how long errors last is told of errors of fixes alone, not of other axes or clocks
+    assert any("rrors of fixes last" in said for said in shown["sentences"]) == (made is lasting)
 
 
 def test_what_a_filter_is_expected_to_gain_is_told() -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from inswsn_book.live.which_page import decide
+from inswsn_book.live.own_data import read
+from inswsn_book.live.which_page import decide, fit, measured
 from test_live_own_data import TEXT, lasting, looked_at_alone, table, wild, without
 
 import inswsn_lib as iw
@@ -50,8 +52,25 @@ def test_white_noise_takes_the_kalman_filter_whose_code_runs(
 def test_each_answer_is_found_where_it_is_right(made: Any, taken: str, code: str) -> None:
     found = decided(made().to_csv(index=False))
     assert taken in found["sentences"][-1]
+    # a drift that changes is as wild as is tried
+    assert ("did not settle" in found["sentences"][-2]) == (made is wild)
     assert code in found["code"]
     compile(found["code"], "pasted", "exec")
+
+
+def test_how_long_errors_last_is_searched_for() -> None:
+    """Errors of 0.2 m last for 8 s, beside a drift that holds them for 3.9 s."""
+    found, _ = fit(*measured(read("my.csv", lasting(tau=8.0).to_csv(index=False)))[:2])
+    assert found.settled
+    assert [found.lasts, found.noise[0], found.holds] == pytest.approx([8, 0.2, 3.9], rel=0.2)
+
+
+def test_a_gap_at_the_end_is_no_half_and_no_fix() -> None:
+    """Each half is of as many fixes, and what a filter leaves is told of a fix."""
+    made = wild()
+    made.loc[250:, list(iw.logs.WSN)] = np.nan
+    said = decided(made.to_csv(index=False))["sentences"]
+    assert len(re.findall(r" \d\d% of the error| \d\d% in velocity", said[1])) == 2
 
 
 def test_both_ways_of_being_wrong_are_shown() -> None:
@@ -70,9 +89,8 @@ def test_without_velocities_and_reference_it_answers_too() -> None:
 
 
 def test_numpy_alone_answers_the_same() -> None:
-    assert (
-        looked_at_alone(TEXT, which=True, name="my.csv")["sentences"] == decided(TEXT)["sentences"]
-    )
+    alone = looked_at_alone(TEXT, which=True, name="my.csv")
+    assert alone["sentences"] == decided(TEXT)["sentences"]
 
 
 def test_what_is_too_short_is_refused() -> None:

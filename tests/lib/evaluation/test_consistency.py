@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from scipy.stats import chi2
+from scipy.stats import chi2, multivariate_normal
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.evaluation import autocorrelation, fit_noise, mean_bounds, normalised_squares
+from inswsn_lib.evaluation.consistency import log_likelihoods
 from inswsn_lib.models import ErrorModel
 
 
@@ -70,14 +71,15 @@ def of_each_run(steps: int, n: int, runs: int, seed: int) -> tuple[np.ndarray, n
 
 @given(st.integers(1, 4), st.integers(1, 4), st.integers(1, 4), st.integers(0, 1000))
 def test_squares_step_by_step_and_run_by_run(steps: int, n: int, runs: int, seed: int) -> None:
-    """By an inverse, of what is there; sizes that are equal are not confused."""
+    """By an inverse and by scipy, of what is there; sizes that are equal are not confused."""
     errors, S = of_each_run(steps, n, runs, seed)
     shared = S[..., 0]
-    for found, of in (
-        (normalised_squares(errors, S), S),
-        (normalised_squares(errors, shared), None),
-    ):
-        assert found.shape == (steps, runs)
+    for covariances, of in ((S, S), (shared, None)):
+        found, likely = (
+            normalised_squares(errors, covariances),
+            log_likelihoods(errors, covariances),
+        )
+        assert found.shape == likely.shape == (steps, runs)
         for k in range(steps):
             for r in range(runs):
                 there = ~np.isnan(errors[k, :, r])
@@ -85,6 +87,8 @@ def test_squares_step_by_step_and_run_by_run(steps: int, n: int, runs: int, seed
                 e = errors[k, there, r]
                 expected = e @ np.linalg.inv(P) @ e if there.any() else np.nan
                 assert found[k, r] == pytest.approx(expected, rel=1e-6, nan_ok=True)
+                density = multivariate_normal(cov=P).logpdf(e) if there.any() else np.nan
+                assert likely[k, r] == pytest.approx(density, rel=1e-6, abs=1e-6, nan_ok=True)
     constant = normalised_squares(errors, shared[0])
     assert constant[0] == pytest.approx(normalised_squares(errors, shared)[0], nan_ok=True)
 

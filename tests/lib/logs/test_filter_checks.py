@@ -11,11 +11,10 @@ from scipy.stats import binom, chi2
 
 from inswsn_lib import ErrorModel
 from inswsn_lib.evaluation import FALSE_ALARM
-from inswsn_lib.filters import design_kalman, run_kalman
 from inswsn_lib.inertial import Innovations, Solution, Start
 from inswsn_lib.logs import Finding, check_filter, check_innovations, check_nees
 from inswsn_lib.logs.estimates import innovations_of
-from inswsn_lib.logs.filter_checks import check_outliers, say_noise
+from inswsn_lib.logs.filter_checks import FilterRun, check_outliers, say_noise
 
 N = 1000
 RUNS = 2000 if WHOLE else 500
@@ -43,10 +42,8 @@ def right() -> Filters:
         x[k + 1] = model.A @ x[k] + model.B @ rng.normal(size=(4, RUNS))
     y = x + model.D @ rng.normal(size=x.shape)
     y[1::2], y[200:280], y[rng.random(steps) < 0.1] = np.nan, np.nan, np.nan
-    design = design_kalman(model, ~np.isnan(y[:, :, 0]), initial_covariance=P0)
-    before = run_kalman(model, y, initial_covariance=P0, predicted=True)
-    after = run_kalman(model, y, initial_covariance=P0)
-    return Filters(y - before, design.innovation, after - x, design.filtered)
+    run = FilterRun.of(model, y, P0)
+    return Filters(run.innovations, run.design.innovation, run.states - x, run.design.filtered)
 
 
 def found_of(filters: Filters, runs: int, factor: float = 1.0) -> dict[str, list[bool | None]]:
