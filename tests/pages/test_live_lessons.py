@@ -180,7 +180,7 @@ def test_a_parameter_runs_what_needs_it(open_live: Open) -> None:
 
 
 def test_what_is_missing_is_said_and_the_next_offered(open_live: Open) -> None:
-    page = open_live(f"chapters/{NAMES[1]}.html").page
+    page = open_live("chapters/3-plan-for-the-worst.html").page
     bar = page.locator(".live-bar", has_text="it needs cvxpy").first
     link = bar.get_by_role("link", name="To the next that runs.")
     target = page.locator(link.get_attribute("href") or "")
@@ -202,11 +202,11 @@ def test_what_is_out_of_date_is_marked_and_what_is_untrue_is_named(open_live: Op
     assert "Failed: 1 other cell. No longer true: With the right size of Q it is too" in status
     told = box.locator(".live-told")  # the error stands where the cause is, with links both ways
     assert "AssertionError" in told.inner_text()
-    link = cells[number + 1].locator(".live-bar a")
+    link = cells[number + 2].locator(".live-bar a")
     code = box.locator("pre[contenteditable]")
     assert link.get_attribute("href") == f"#{code.get_attribute('id')}"
-    assert told.locator("a").inner_text() == f"cell {number + 2}"
-    assert said(cells[number + 1]) == "AssertionError"
+    assert told.locator("a").inner_text() == f"cell {number + 3}"
+    assert said(cells[number + 2]) == "AssertionError"
     assert "Out of date" not in status
     box.get_by_role("button", name="Reset").click()
     told = [cells[n].locator(".live-status").inner_text() for n in cells if n >= number]
