@@ -155,7 +155,7 @@ def _article(site: Path, page: str) -> Tag:
             heading["id"] = str(section["id"])
             del section["id"]
     start = soup.new_tag("span", id=f"@{page}")  # in the heading: both may go on to the next sheet
-    (article.find("h1") or article).insert(0, start)
+    (article.select_one("h1") or article).insert(0, start)
     for folded in article.select("details:has(.cell_output)"):
         folded["open"] = ""  # what is folded is printed, but for code alone
     for image in article.find_all("img"):
@@ -255,12 +255,12 @@ def _browser() -> Iterator[Browser]:
 def _print(browser: Browser, source: Path, target: Path) -> list[tuple[int, str, str]]:
     """Print a document; return its outline: the level, the title and the place of each entry."""
     sheets: dict[str, int] = {}
+    failed: list[str] = []
     for _ in range(2):  # once to know the sheets; what was printed before is laid out otherwise
         page = browser.new_page(viewport={"width": _WIDTH, "height": 1000})
         page.emulate_media(media="print")
         page.set_default_timeout(0)
-        failed: list[str] = []
-        page.on("requestfailed", lambda request, failed=failed: failed.append(request.url))
+        page.on("requestfailed", lambda request: failed.append(request.url))
         page.goto(source.as_uri())
         page.evaluate("() => document.fonts.ready.then(() => window.MathJax.startup.promise)")
         failed += page.evaluate("[...document.images].filter(i => !i.naturalWidth).map(i => i.src)")
