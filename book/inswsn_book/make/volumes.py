@@ -263,7 +263,9 @@ def _print(browser: Browser, source: Path, target: Path) -> list[tuple[int, str,
         page.on("requestfailed", lambda request: failed.append(request.url))
         page.goto(source.as_uri())
         page.evaluate("() => document.fonts.ready.then(() => window.MathJax.startup.promise)")
-        failed += page.evaluate("[...document.images].filter(i => !i.naturalWidth).map(i => i.src)")
+        failed.extend(
+            page.evaluate("[...document.images].filter(i => !i.naturalWidth).map(i => i.src)")
+        )
         if failed:
             raise BuildError(f"A PDF lacks {failed[0]}, which could not be loaded.")
         page.evaluate(_FIT)
