@@ -219,7 +219,9 @@ def test_the_table_of_contents_tells_the_sheet_of_each_page(printed: list[Printe
         begins = {page: one.places[f"@{page}"] for page in one.volume.pages}
         contents = plain("".join(one.sheets[: min(begins.values())]))
         for page, article in one.articles.items():
-            assert f"{plain(article.h1.get_text())}{begins[page] + 1}" in contents, page
+            title = plain(article.h1.get_text())
+            assert f"{title}{begins[page] + 1}" in contents, page
+            assert title in plain(one.sheets[begins[page]]), page
 
 
 def test_sheets_are_numbered_and_none_is_blank(printed: list[Printed]) -> None:

@@ -244,7 +244,8 @@ def _names(soup: BeautifulSoup) -> None:
         classes = list(link.get("class") or [])
         if "headerlink" in classes:
             link["aria-label"] = link.get("title") or "Link to this place"
-        address = link.get_text(strip=True) == link.get("href")
+        words = link.get_text(strip=True)
+        address = link.get("href") in (words, words.replace("doi:", "https://doi.org/"))
         if address and {"reference", "external"} <= set(classes):
             # a style writes such a link once on paper
             link["class"] = AttributeValueList([*classes, "bare"])

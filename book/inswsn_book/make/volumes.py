@@ -154,7 +154,8 @@ def _article(site: Path, page: str) -> Tag:
         if isinstance(heading, Tag) and not heading.has_attr("id"):
             heading["id"] = str(section["id"])
             del section["id"]
-    article["id"] = f"@{page}"
+    start = soup.new_tag("span", id=f"@{page}")  # in the heading: both may go on to the next sheet
+    (article.select_one("h1") or article).insert(0, start)
     for folded in article.select("details:has(.cell_output)"):
         folded["open"] = ""  # what is folded is printed, but for code alone
     for image in article.find_all("img"):
@@ -224,7 +225,7 @@ def _document(
 <p class="subtitle">{escape(volume.title)}</p>
 <p>{escape("; ".join(about["names"]))}</p>
 <p>Version {escape(about["version"])}, {about["date-released"]}. {escape(footer(project))}
-Folded code is in the notebooks.</p>
+{"" if alone else "Folded code is in the notebooks."}</p>
 <nav>{"" if alone else "".join(contents)}</nav><div hidden>{links}</div></header>
 {"".join(body)}
 </div></div></main></body></html>
@@ -253,22 +254,26 @@ def _browser() -> Iterator[Browser]:
 
 def _print(browser: Browser, source: Path, target: Path) -> list[tuple[int, str, str]]:
     """Print a document; return its outline: the level, the title and the place of each entry."""
-    page = browser.new_page(viewport={"width": _WIDTH, "height": 1000})
-    page.emulate_media(media="print")
-    page.set_default_timeout(0)
+    sheets: dict[str, int] = {}
     failed: list[str] = []
-    page.on("requestfailed", lambda request: failed.append(request.url))
-    page.goto(source.as_uri())
-    page.evaluate("() => document.fonts.ready.then(() => window.MathJax.startup.promise)")
-    failed += page.evaluate("[...document.images].filter(i => !i.naturalWidth).map(i => i.src)")
-    if failed:
-        raise BuildError(f"A PDF lacks {failed[0]}, which could not be loaded.")
-    page.evaluate(_FIT)
-    outline: list[tuple[int, str, str]] = page.evaluate(_OUTLINE)
-    for _ in range(2):  # once to know the sheets, which the table of contents then tells
+    for _ in range(2):  # once to know the sheets; what was printed before is laid out otherwise
+        page = browser.new_page(viewport={"width": _WIDTH, "height": 1000})
+        page.emulate_media(media="print")
+        page.set_default_timeout(0)
+        page.on("requestfailed", lambda request: failed.append(request.url))
+        page.goto(source.as_uri())
+        page.evaluate("() => document.fonts.ready.then(() => window.MathJax.startup.promise)")
+        failed.extend(
+            page.evaluate("[...document.images].filter(i => !i.naturalWidth).map(i => i.src)")
+        )
+        if failed:
+            raise BuildError(f"A PDF lacks {failed[0]}, which could not be loaded.")
+        page.evaluate(_FIT)
+        outline: list[tuple[int, str, str]] = page.evaluate(_OUTLINE)
+        page.evaluate(_NUMBERS, sheets)
         page.pdf(path=target, format="A4", tagged=True, print_background=True)
-        page.evaluate(_NUMBERS, _sheets(PdfReader(target)))
-    page.close()
+        page.close()
+        sheets = _sheets(PdfReader(target))
     return outline
 
 

@@ -66,12 +66,13 @@ def test_links_and_folds_are_named_by_what_they_do() -> None:
     soup = improved(
         "<a class='headerlink' href='#x' title='Link to this heading'>#</a>"
         "<a class='reference external' href='https://a.org'>https://a.org</a>"
+        "<a class='reference external' href='https://doi.org/10.1/a'>doi:10.1/a</a>"
         "<details class='hide'><summary><p class='collapsed'>Show code</p><p>Hide</p></summary>"
         "</details>"
     )
-    heading, address = soup.find_all("a")
+    heading, address, identifier = soup.find_all("a")
     assert heading["aria-label"] == "Link to this heading"
-    assert address["class"] == ["reference", "external", "bare"]
+    assert address["class"] == identifier["class"] == ["reference", "external", "bare"]
     assert soup.find("summary")["aria-label"] == "Show code"
 
 
