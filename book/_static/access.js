@@ -142,3 +142,20 @@
   if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", start);
   else start();
 })();
+
+// No line begins with the point or the comma after a formula.
+(() => {
+  function join() {
+    for (const formula of document.querySelectorAll(".bd-content span.math")) {
+      const after = formula.nextSibling;
+      const [signs] = (after?.nodeType === Node.TEXT_NODE && after.data.match(/^[.,;:?)’]+/)) || [];
+      if (!signs) continue;
+      const whole = Object.assign(document.createElement("span"), { className: "unbroken" });
+      after.data = after.data.slice(signs.length);
+      formula.replaceWith(whole);
+      whole.append(formula, signs);
+    }
+  }
+  if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", join);
+  else join();
+})();

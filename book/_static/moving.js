@@ -71,7 +71,7 @@
 
   /** The box of a chart, and the functions from its axes to the picture. */
   function frameOf(chart, width, beside) {
-    const box = { left: 52, right: width - beside - 10, top: 26 };
+    const box = { left: 52, right: width - beside - 16, top: 26 };
     const [x, y] = [chart.x.ends, chart.y.ends];
     const across = (box.right - box.left) / (x[1] - x[0]);
     const tall = chart.equal ? Math.min((y[1] - y[0]) * across, width < 500 ? 200 : chart.many ? 250 : 330) : Math.min(190, 0.7 * width);
@@ -171,7 +171,7 @@
     const labels = named.map((series) => {
       const [xs, ys] = series.values;
       const at = series.at < 0 ? xs.length + series.at : series.at;
-      return { ...series, x: frame.x(xs[at]) + 6, y: frame.y(ys[at]) + (standsAtEnd(chart, series) ? 4 : -6) };
+      return { ...series, x: frame.x(xs[at]) + (series.style === "handle" ? 13 : 6), y: frame.y(ys[at]) + (standsAtEnd(chart, series) ? 4 : -6) };
     });
     for (const label of labels) {
       label.wide = widthOf(label.label);

@@ -115,7 +115,7 @@ def show_gains(run: ExampleRun, by_gain: ByGain) -> None:
     chart = shown.chart("Mean error", x="gain g", xlim=(0, 1), ylim=(0, 0.6))
     seen = np.minimum(mean, 0.6)
     shown.draw(chart, "ins", "drift gets in", (GAINS[: low + 1], seen[: low + 1]), at=4)
-    shown.draw(chart, "network", "noise gets in", (GAINS[low:], seen[low:]), at=low)
+    shown.draw(chart, "network", "noise gets in", (GAINS[low:], seen[low:]))
     at = dict(zip(GAINS, mean, strict=True))
     shown.draw(chart, "constant", "", lambda g: ([g], [min(at[g], 0.6)]), style="handle")
     shown.number("constant", "mean error", lambda g: centimetres(at[g]))

@@ -126,7 +126,7 @@ def show_drive(drive: Drive, told: FilterSettings, known: VehicleRun) -> dict[st
     shown.draw(drawn, "truth", "", road[::6].T)
     shown.draw(drawn, "kalman", "", lost, style="points")
     shown.draw(drawn, "ins", "", lambda k: road[k : k + LENGTH + 1 : 4].T)
-    shown.draw(drawn, "ins", "outage", lambda k: road[[k + LENGTH // 2]].T, style="handle")
+    shown.draw(drawn, "ins", "", lambda k: road[[k + LENGTH // 2]].T, style="handle")
 
     def bend(k: int) -> str:
         return f"{bends[order.index(k)]:.0f}°"
@@ -194,8 +194,8 @@ def show_wrong_start(navigate: Navigate) -> None:
         return t, np.radians(s * wrong[w][0]) * wrong[w][2]
 
     chart = shown.chart("Error of the INS", xlim=(0, LENGTH), ylim=(0, 25))
-    shown.draw(chart, "ins", "INS", lambda w, s: (t, off(w, s)), at=34)
-    shown.draw(chart, "published", "formula", formula, at=26)
+    shown.draw(chart, "ins", "INS", lambda w, s: (t, off(w, s)))
+    shown.draw(chart, "published", "formula", formula)
     shown.number("computed", "wrong", lambda w, s: f"{w} {size(w, s)}")
     shown.number("published", "formula", lambda w: wrong[w][3])
     shown.number("ins", "after 40 s", lambda w, s: f"{off(w, s)[-1]:.1f} m")
@@ -220,9 +220,9 @@ def show_constraint(constrain: Constrain) -> None:
     )
     axes = {"x": "east (m/s)", "y": "north (m/s)", "xlim": (-2.3, 2.3), "ylim": (-1.15, 1.15)}
     chart = shown.chart("Spread of the velocity error", equal=True, **axes)
-    shown.draw(chart, "ins", "before", ellipse(circle, 1), at=20)
-    shown.draw(chart, "constant", "one update, going north", ellipse(once, 1), at=15)
-    shown.draw(chart, "kalman", "after the turn", lambda q: ellipse(twice[q], 1), at=50)
+    shown.draw(chart, "ins", "before", ellipse(circle, 1), at=36)
+    shown.draw(chart, "constant", "one update", ellipse(once, 1), at=1)
+    shown.draw(chart, "kalman", "two updates", lambda q: ellipse(twice[q], 1), at=68)
 
     def size(P: Array) -> float:
         return float(np.sqrt(np.linalg.eigvalsh(P)[-1]))

@@ -36,12 +36,12 @@ def show_drive(drive: ExampleDrive) -> None:
     def until(track: Array, t: float) -> Array:
         return track[: int(t / drive.period) + 1 : 5].T
 
-    shown.draw(chart, "truth", "true path", lambda t: until(drive.position, t))
+    shown.draw(chart, "truth", "", lambda t: until(drive.position, t))
     shown.draw(chart, "ins", "INS", lambda t: until(drive.ins, t))
     shown.draw(
         chart, "network", "", lambda t: drive.fixes[drive.fix_times <= t][::4].T, style="points"
     )
-    shown.draw(chart, "truth", "", lambda t: until(drive.position, t)[:, -1:], style="handle")
+    shown.draw(chart, "truth", "true", lambda t: until(drive.position, t)[:, -1:], style="handle")
     error, fix = drive.distances(drive.ins), float(np.hypot(*drive.fix_errors.T).mean())
     at = {t: error[int(t / drive.period)] for t in times}
     shown.number("ins", "error of the INS", lambda t: f"{at[t]:.1f} m")

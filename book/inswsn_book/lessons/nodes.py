@@ -161,7 +161,7 @@ def show_cloud(*, start: float = 0.1, points: int = 250) -> None:
         _, P, C = settled(q)
         return ellipse([[P, share * C], [share * C, P]])
 
-    shown.draw(chart, "independent", "if independent", lambda q: shape(q, 0), at=63)
+    shown.draw(chart, "independent", "if independent", lambda q: shape(q, 0), at=0)
     shown.draw(chart, "correlated", "by the formula", lambda q: shape(q, 1), at=9)
     shown.number("computed", "gain K", lambda q: f"{settled(q)[0]:.2f}")
     correlation = {q: f"{settled(q)[2] / settled(q)[1]:.2f}" for q in DRIFTS}
@@ -312,8 +312,8 @@ def show_weights() -> None:
 
     axes = {"x": "weight of A", "y": "error", "xlim": (0, 1.5), "ylim": (0.4, 2.1)}
     chart = shown.chart("Size of the blended error", **axes)
-    shown.draw(chart, "independent", "claimed", lambda s: (m, size(m, 0, s)), at=30)
-    shown.draw(chart, "correlated", "true", lambda r, s: (m, size(m, r, s)), at=40)
+    shown.draw(chart, "independent", "claimed", lambda s: (m, size(m, 0, s)))
+    shown.draw(chart, "correlated", "true", lambda r, s: (m, size(m, r, s)))
     shown.draw(chart, "correlated", "", least, style="points")
     shown.number("computed", "if independent, weight of A", lambda s: f"{best(0, s):.2f}")
     claims = cache(lambda r, s: f"{size(best(0, s), 0, s):.2f}, {size(best(0, s), r, s):.2f}")
@@ -394,7 +394,7 @@ def show_reductions(
         shown.draw(chart, "published", label, (ends, [told, told]), at=0)
 
     def words(f: float, d: float, part: slice) -> str:
-        return " and ".join(f"{value:.0f} %".replace("-", "−") for value in less(f, d)[part])
+        return " and ".join(f"{value:.0f} %" for value in less(f, d)[part])
 
     shown.number("computed", "position, x and y", lambda f, d: words(f, d, slice(0, 2)))
     shown.number("computed", "velocity, x and y", lambda f, d: words(f, d, slice(2, 4)))

@@ -55,23 +55,19 @@ def show_slip(xs: Texts, ys: Texts, means: Texts) -> None:
     met = {s: rows_met(xs, ys, means, s) for s in OFFSETS}
     x, y, mean = _numbers(xs, ys, means)
     row = np.arange(1, len(x) + 1)
-    shown = Moving(
-        "Ten means, and where they come from",
-        Slider("s", "y is taken from", [*OFFSETS], -1, "{:+d} rows below"),
-    )
+    shown = Moving("Ten printed means", Slider("s", "offset of y", [*OFFSETS], -1, "{:+d}"))
     axes = {"x": "row of the table", "y": "mean", "xlim": (0.5, 10.5), "ylim": (0.1, 0.45)}
     chart = shown.chart("“Mean error” of position (m)", **axes)
-    shown.draw(chart, "published", "printed", (row, mean), at=8)
+    shown.draw(chart, "published", "printed", (row, mean))
     shown.draw(chart, "computed", "", lambda s: (row, (x + _below(y, s)) / 2))
     shown.draw(chart, "computed", "", lambda s: (row, (x + _below(y, s)) / 2), style="points")
     shown.number("computed", "rows that agree to the last digit", lambda s: f"{met[s]} of 10")
-    shown.sentence(lambda s: (
-        f"With y from {s} rows below, {met[s]} of the 10 printed means of the table agree."
-    ))  # fmt: skip
+    shown.goal("all ten rows agree", lambda s: met[s] == 10)
+    shown.sentence(lambda s: f"With an offset of {s:+d}, {met[s]} of the 10 printed means agree.")
     shown.show(
         "fig-l7-slip",
-        "The mean of x in a row and y some rows below it, and the mean that is printed. "
-        "A y from beyond the table counts as zero.",
+        "The mean of x in a row and y so many rows below it (above, if the offset is negative), "
+        "and the mean that is printed. A y from beyond the table counts as zero.",
     )
 
 
@@ -173,9 +169,7 @@ def show_third(results: Mapping[str, Mapping[str, str]], allowed: float) -> None
     axes = {"x": "points that “about” allows", "y": "ratio of errors", "xlim": (0, 30)}
     chart = shown.chart("Federated filter over INS alone", ylim=(0, top), **axes)
     shown.draw(chart, "federated", "", band, style="band")
-    shown.draw(
-        chart, "federated", "as printed", lambda axis: ([0.0, 30.0], [plain(axis)] * 2), at=0
-    )
+    shown.draw(chart, "federated", "as printed", lambda axis: ([0.0, 30.0], [plain(axis)] * 2))
     shown.draw(chart, "ins", "INS alone", ([0.0, 30.0], [1.0, 1.0]))
     shown.draw(chart, "published", "", ([allowed, allowed], [0.0, top]))
     shown.number("federated", "ratio as printed", lambda axis: f"{plain(axis):.2f}")
@@ -197,14 +191,13 @@ def show_growth(*, least: float) -> None:
     shown = Moving("A maximum and a mean", Slider("a", "growth", [*GROWTHS], 2.0, "t to the {:g}"))
     axes = {"x": "time in the outage (share)", "y": "error", "xlim": (0, 1), "ylim": (0, 1.05)}
     chart = shown.chart("Error, as a share of its maximum", **axes)
-    shown.draw(chart, "kalman", "error", lambda a: (TIME[::40], TIME[::40] ** a), at=25)
+    shown.draw(chart, "kalman", "error", lambda a: (TIME[::40], TIME[::40] ** a))
     shown.draw(chart, "kalman", "", lambda a: ([0.0, 1.0], [rms[a]] * 2))
     shown.draw(chart, "published", "P3 needs this RMS", ([0.0, 1.0], [least] * 2), at=0)
     shown.number("kalman", "RMS over maximum", lambda a: f"{rms[a]:.2f}")
     shown.number("published", "P3, outage 4, at least", f"{least:.2f}")
-    shown.sentence(
-        lambda a: f"An error that grows as t to the {a:g} has RMS / maximum {rms[a]:.2f}."
-    )
+    shown.goal("as large an RMS as P3 needs", lambda a: rms[a] >= least)
+    shown.sentence(lambda a: f"Growth as t to the {a:g}: RMS over maximum {rms[a]:.2f}.")
     shown.show(
         "fig-l7-growth",
         "One horizontal line is the RMS of the curve, the other the least RMS that P3's "
@@ -227,8 +220,8 @@ def show_motion() -> None:
     """Show both errors, by when that of velocity is zero and where that of position starts."""
     shown = Moving(
         "How small can the position error stay?",
-        Slider("r", "velocity error is zero at", [*TURNS], 0.0, "{:.2f}"),
-        Slider("c", "position error starts at", [*STARTS], 0.0, "{:+.3f}"),
+        Slider("r", "zero of v", [*TURNS], 0.0, "{:.2f}"),
+        Slider("c", "start of p", [*STARTS], 0.0, "{:+.3f}"),
     )
     thin = slice(None, None, 50)
     axes = {"x": "time (share of the window)", "xlim": (0, 1)}
@@ -239,9 +232,8 @@ def show_motion() -> None:
     for chart in (upper, lower):
         shown.draw(chart, "published", "", ([0.0, 1.0], [0.0, 0.0]))
     shown.number("ins", "mean |p| over mean |v|", lambda r, c: f"{ratio(r, c):.3f}")
-    shown.sentence(
-        lambda r, c: f"Zero at {r:g} and start at {c:.3f}: the ratio is {ratio(r, c):.3f}."
-    )
+    shown.goal("a ratio below 0.126", lambda r, c: ratio(r, c) < 0.126)
+    shown.sentence(lambda r, c: f"v zero at {r:g}, p from {c:.3f}: the ratio is {ratio(r, c):.3f}.")
     shown.show(
         "fig-l7-motion",
         "Time is measured in windows, and so is the ratio. Make it as small as you can.",

@@ -98,5 +98,6 @@ def show_printed(
 def _written(quantity: Quantity | None, word: str, digits: int) -> str:
     if quantity is None:
         return word
-    value, *ends = (f"{x:.{digits}g}" for x in (quantity.value, *(quantity.interval or ())))
+    numbers = (quantity.value, *(quantity.interval or ()))
+    value, *ends = (f"{float(f'{x:.{digits}g}'):g}" for x in numbers)  # 1430, and not 1.43e+03
     return value + (f" ({' to '.join(ends)})" if ends else "")

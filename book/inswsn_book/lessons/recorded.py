@@ -37,7 +37,7 @@ EVIDENCE = (
     ("sure", "room.sure-gain", ".0f"),
     *((f"law.{of}", f"law.{of}", ".0f") for of in ("cases", "recordings")),
 )  # fmt: skip
-LABELS = {"kalman": "Filter that assumes white errors", "coloured": "Augmented filter"}
+LABELS = {"kalman": "filter that assumes white errors", "coloured": "augmented filter"}
 LASTING = (0.0, 0.2, 0.5, 1.0, 2.0, 5.0)  # s
 MANY = 50  # runs
 COUNTS = np.arange(1, 101)
@@ -107,9 +107,7 @@ def show_means(period: float) -> None:
     fades = {t: float(np.exp(-period / t)) if t else 0.0 for t in LASTING}
     found = {t: deviation(COUNTS, fade) for t, fade in fades.items()}
     worth = {t: float(1 / values[-1] ** 2) for t, values in found.items()}
-    shown = Moving(
-        "What a hundred fixes are worth", Slider("t", "errors last", [*LASTING], 2.0, "{:g} s")
-    )
+    shown = Moving("A hundred fixes", Slider("t", "errors last", [*LASTING], 2.0, "{:g} s"))
     axes = {"x": "fixes in the mean", "y": "error", "xlim": (0, 100), "ylim": (0, 1.05)}
     chart = shown.chart("Error of the mean, one fix = 1", **axes)
     shown.draw(chart, "constant", "independent", (COUNTS, COUNTS**-0.5), at=60)
@@ -208,12 +206,12 @@ def show_many(found: Mapping[tuple[str, float], tuple[float, float]]) -> None:
     band = shown.chart("In its band", y="%", ylim=(0, 105), **axes)
     for at, (chart, level) in enumerate(((ratio, 1.0), (band, 95.0))):
         shown.draw(chart, "published", "", ([0.0, 5.0], [level, level]))
-        for name, label in LABELS.items():
+        for name, label in (("kalman", "assumes white"), ("coloured", "augmented")):
             there = [tau for n, tau in found if n == name]
             shown.draw(chart, name, label, (there, [found[name, tau][at] for tau in there]))
 
     def now(name: str, t: float) -> str:
-        form = "{:.2f} times the error of fixes, {:.0f} % of errors in its band"
+        form = "{:.2f} of the error of fixes, {:.0f} % in its band"
         return form.format(*found[name, t])
 
     unnamed = dict.fromkeys(LABELS, "")
@@ -264,13 +262,11 @@ def show_gains(gains: Table) -> None:
     """Show what was found of filters on recordings over what was expected, a dot each."""
     rows = [dict(zip(gains.columns, row, strict=True)) for row in gains.data]
     found = {n: row for n, row in zip(gains.index, rows, strict=True) if row["hold"] is not None}
-    shown = Moving(
-        "The law on recordings", Slider("n", "series", [*found], next(iter(found)), "{}")
-    )
+    shown = Moving("On recordings", Slider("n", "series", [*found], next(iter(found)), "{}"))
     ends = (0.0, 1.2)
     axes = {"x": "expected before it ran", "y": "found", "xlim": ends, "ylim": ends}
     chart = shown.chart("Error of a filter over that of the network", equal=True, **axes)
-    shown.draw(chart, "published", "as expected", (ends, ends), at=0)
+    shown.draw(chart, "published", "as expected", (ends, ends))
     kinds = {"kalman": "position", "coloured": "velocity"}
     for method, of in kinds.items():
         x, y = ([row[name] for row in found.values()] for name in (f"expected_{of}", of))
@@ -326,7 +322,7 @@ def show_errors(runs: Mapping[float, ExampleRun], **filters: Filter) -> None:
         return runs[t].time, (runs[t].network - runs[t].truth)[:, 0]
 
     for n in filters:
-        chart = shown.chart(LABELS[n], y="m", xlim=(0, 20), ylim=(-0.6, 0.6))
+        chart = shown.chart(LABELS[n].capitalize(), y="m", xlim=(0, 20), ylim=(-0.6, 0.6))
         if band:
             shown.draw(chart, n, "", partial(sides, n), style="band")
         shown.draw(chart, "network", "", of_fixes, style="points")
@@ -393,7 +389,7 @@ def show_bridges(profile: Table) -> None:
     every = [round(float(t), 1) for t in np.arange(1, 10.1, 0.5)]
     labels = {method: name for name, (method, _) in BRIDGES.items()}
     errors = {method: profile.of(column) for method, column in BRIDGES.values()}
-    shown = Moving("Without fixes", Slider("s", "time without fixes", every, 1.0, "{:g} s"))
+    shown = Moving("Outages", Slider("s", "time without fixes", every, 1.0, "{:g} s", plays=True))
     axes = {"x": "time without fixes (s)", "y": "m", "xlim": (0, 10), "ylim": (0, top)}
     chart = shown.chart("RMS position error (m)", **axes)
     shown.draw(chart, "published", "", lambda s: ([s, s], [0.0, top]))

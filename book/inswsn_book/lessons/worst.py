@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -68,19 +68,15 @@ def show_game(*, kalman: float, hinfinity: float) -> None:
     def out(g: float, c: int, s: int) -> tuple[float, ...]:
         return tuple(errors_of(g, *disturbance(c, s)))
 
-    def curve(g: float, c: int, s: int) -> Any:
-        return time, out(g, c, s)[:SEEN]
-
     def ratio(g: float, c: int, s: int) -> float:
         return float(np.sum(np.square(out(g, c, s))))
 
     time, axes = np.arange(SEEN), {"x": "sample", "xlim": (0, SEEN - 1)}
     put = shown.chart("You put in (energy 1)", y="push", ylim=(-0.6, 0.6), **axes)
-    shown.draw(put, "ins", "drift", lambda c, s: (time[:PUSHED], disturbance(c, s)[0]), at=12)
+    shown.draw(put, "ins", "drift", lambda c, s: (time[:PUSHED], disturbance(c, s)[0]), at=23)
     shown.draw(put, "network", "fixes", lambda c, s: (time[:PUSHED], disturbance(c, s)[1]), at=23)
     got = shown.chart("You get out", y="error", ylim=(-0.6, 0.6), **axes)
-    for name, at in (("kalman", 10), ("hinfinity", 18)):
-        shown.draw(got, name, LABELS[name], partial(curve, gains[name]), at=at)
+    shown.draw_each(got, LABELS, lambda m, c, s: (time, out(gains[m], c, s)[:SEEN]))
     words = {name: f"{LABELS[name]} (at most {most(g):.2f})" for name, g in gains.items()}
     shown.number_each(words, lambda name, c, s: f"{ratio(gains[name], c, s):.2f}")
     shown.sentence(lambda c, s: (
@@ -107,7 +103,9 @@ def show_response(*, start: float) -> None:
     chart = shown.chart("Energy out per unit put in", ylim=(0, 8), **axes)
     shown.draw(chart, "constant", "", lambda g: (frequency, np.minimum(of[g], 8)))
     shown.draw(chart, "kalman", "mean", lambda g: ([0.0, 0.5], [mean[g]] * 2))
-    shown.draw(chart, "hinfinity", "peak", lambda g: ([0.5 * (g > 1)], [peak[g]]), style="points")
+    shown.draw(
+        chart, "hinfinity", "peak", lambda g: ([(g > 1) / 2], [peak[g]]), style="points", at=0
+    )
     shown.number("hinfinity", "peak: worst case", lambda g: f"{peak[g]:.2f}")
     shown.number("kalman", "mean: white noise", lambda g: f"{mean[g]:.2f}")
     shown.sentence(
@@ -266,7 +264,7 @@ def show_recursion() -> None:
     shown = Moving("Is this γ possible?", Slider("b", "bound γ", bounds, 1.4, "γ = {:.3f}"))
     chart = shown.chart("M of the random walk", x="step", y="M", xlim=(0, 24), ylim=(0, 4))
     shown.draw(chart, "truth", "γ²", lambda b: ([0, 24], [min(b**2, 4)] * 2), at=1)
-    shown.draw(chart, "hinfinity", "M", lambda b: (steps[: len(path[b])], np.minimum(path[b], 4)))
+    shown.draw(chart, "hinfinity", "", lambda b: (steps[: len(path[b])], np.minimum(path[b], 4)))
     shown.number("hinfinity", "recursion", said)
     shown.goal("the least γ", lambda b: b == 2**0.5)
     shown.sentence(lambda b: f"With γ = {b:.3f}, the recursion of the random walk {said(b)}.")

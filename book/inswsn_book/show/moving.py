@@ -11,6 +11,7 @@ from __future__ import annotations
 import inspect
 import itertools
 import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -38,6 +39,8 @@ _HEIGHT = 3.1  # inches, of each chart in the still picture
 _STEPS = 10_000  # from one end of an axis to the other, of what a page is given
 _SIGNS = "".join(sign for sign in map(chr, range(33, 127)) if sign not in '"<\\`')
 _BASE = len(_SIGNS) // 2
+#: How the book sets numbers: a true minus, a space before per cent, and no sign of a zero
+_SET = ((r"(?<![\w)])-(?=\d)", "−"), (r"(?<=\d)%", " %"), (r"\+(?=[0.]+(?![\d.]))", ""))
 
 
 def shown_to(taker: Callable[[str, str], None]) -> None:
@@ -171,13 +174,13 @@ class Moving:
 
     def _table(self, what: Any) -> _Table:
         if not callable(what):
-            return _Table((), [what])
+            return _Table((), [_typeset(what)])
         by = tuple(inspect.signature(what).parameters)
         for name in by:
             if name not in self.sliders:
                 raise ParameterError("slider", name, "one of " + ", ".join(self.sliders))
         places = itertools.product(*(self.sliders[name].values for name in by))
-        return _Table(by, [what(*values) for values in places])
+        return _Table(by, [_typeset(what(*values)) for values in places])
 
     def _key(self, method: str) -> str:
         """Return the style of the series that a number of a method is of, if it is of one."""
@@ -231,7 +234,7 @@ class Moving:
             "title": self.title,
             "sliders": [
                 {"name": s.name, "label": s.label, "start": s.place, "plays": s.plays,
-                 "texts": [s.form.format(value) for value in s.values]}
+                 "texts": [_typeset(s.form.format(value)) for value in s.values]}
                 for s in self.sliders.values()
             ],
             "strokes": {name: [*STROKES[name]] for name in sorted(self._methods)},
@@ -273,6 +276,13 @@ def ellipse(covariance: Any, sigmas: float = 2.0) -> Array:
     """Return a closed line (2, n) so many standard deviations about zero, by a covariance."""
     angle = np.linspace(0, 2 * np.pi, 73)
     return np.asarray(sigmas * np.linalg.cholesky(covariance) @ [np.cos(angle), np.sin(angle)])
+
+
+def _typeset(what: Any) -> Any:
+    if isinstance(what, str):
+        for pattern, sign in _SET:
+            what = re.sub(pattern, sign, what)
+    return what
 
 
 def _chart(chart: Chart) -> dict[str, Any]:
@@ -330,4 +340,4 @@ def _ticks(low: float, high: float) -> list[tuple[float, str]]:
     first, last = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)
     # adding zero takes the sign off a zero
     values = [round(float(k * step), 9) + 0.0 for k in np.arange(first, last + 1)]
-    return [(v, f"{v:g}".replace("-", "−")) for v in values]
+    return [(v, _typeset(f"{v:g}")) for v in values]
