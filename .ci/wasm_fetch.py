@@ -18,6 +18,9 @@ from collections.abc import Iterable
 from http.client import HTTPException
 from pathlib import Path
 
+#: Debian 12 has Python 3.11.2, whose tarfile has no filter; what is unpacked is known by digests
+SAFELY = {"filter": "data"} if hasattr(tarfile, "data_filter") else {}
+
 
 class LiveError(Exception):
     """What ends the work, in one sentence."""
@@ -154,7 +157,7 @@ def unpack(archive: Path, folder: Path, prefix: str = "") -> None:
     """Unpack an archive of sources, or what lies below `prefix` in it."""
     with tarfile.open(archive) as files:
         wanted = [each for each in files if each.name.startswith(prefix)]
-        files.extractall(folder, wanted, filter="data")
+        files.extractall(folder, wanted, **SAFELY)
 
 
 def unpack_debian(archive: Path, folder: Path, prefix: str) -> None:
@@ -166,6 +169,6 @@ def unpack_debian(archive: Path, folder: Path, prefix: str) -> None:
     ):
         for each in files:
             if each.name.startswith(prefix):
-                files.extract(each, folder, filter="data")
+                files.extract(each, folder, **SAFELY)
     if told.returncode:
         raise LiveError(f"{archive.name} cannot be unpacked by dpkg-deb.")

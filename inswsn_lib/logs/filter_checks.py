@@ -51,9 +51,10 @@ class FilterRun:
     def of(cls, model: ErrorModel, y: Array, P0: Array) -> FilterRun:
         """Run it over y (steps, m) or (steps, m, runs), runs with one pattern, from zero and P0."""
         there = np.isfinite(y.reshape(*y.shape[:2], -1)[..., 0])
-        states, left = run_kalman(model, y, initial_covariance=P0), y.copy()
-        left[1:] -= np.einsum("mn,kn...->km...", model.C @ model.A, states[:-1])
-        return cls(design_kalman(model, there, initial_covariance=P0), states, left)
+        design = design_kalman(model, there, initial_covariance=P0)
+        states = run_kalman(model, y, initial_covariance=P0)
+        ahead = run_kalman(model, y, initial_covariance=P0, predicted=True)
+        return cls(design, states, y - np.moveaxis(np.moveaxis(ahead, 1, -1) @ model.C.T, -1, 1))
 
     @cached_property
     def nis(self) -> Array:
