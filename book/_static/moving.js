@@ -47,8 +47,9 @@
   /** What a section shows: its JSON, in which coordinates may be such texts. */
   function read(root) {
     const content = JSON.parse(root.querySelector("script").textContent);
-    for (const chart of content.charts) {
-      chart.many = content.charts.length > 1; // they have to be seen at once
+    for (const [i, chart] of content.charts.entries()) {
+      chart.tall = [330, 250, 200][Math.min(content.charts.length, 3) - 1]; // they have to be seen at once
+      chart.shares = JSON.stringify(chart.x) === JSON.stringify(content.charts[i + 1]?.x); // the x axis, with the one below
       const { x, y, series } = chart;
       for (const each of series) {
         let xs;
@@ -74,7 +75,7 @@
     const box = { left: 52, right: width - beside - 16, top: 26 };
     const [x, y] = [chart.x.ends, chart.y.ends];
     const across = (box.right - box.left) / (x[1] - x[0]);
-    const tall = chart.equal ? Math.min((y[1] - y[0]) * across, width < 500 ? 200 : chart.many ? 250 : 330) : Math.min(190, 0.7 * width);
+    const tall = chart.equal ? Math.min((y[1] - y[0]) * across, width < 500 ? 200 : chart.tall) : Math.min(190, 0.7 * width, (width < 500 ? 0.7 : 0.76) * chart.tall);
     box.bottom = box.top + tall;
     const up = tall / (y[1] - y[0]);
     const wide = chart.equal ? Math.min(across, up) : across;
@@ -82,7 +83,7 @@
     const inside = (value, [low, high]) => Math.min(Math.max(value, low), high);
     return {
       box,
-      height: box.bottom + 40,
+      height: box.bottom + (chart.shares ? 6 : 40),
       wide,
       start: [x[0], y[0]],
       x: (value) => box.left + (inside(value, x) - x[0]) * wide,
@@ -104,7 +105,7 @@
       const at = frame.x(value);
       parts.push(
         make("svg:line", { class: "moving-grid", x1: at, x2: at, y1: box.top, y2: box.bottom }),
-        make("svg:text", { x: at, y: box.bottom + 17, "text-anchor": "middle" }, text),
+        ...(chart.shares ? [] : [make("svg:text", { x: at, y: box.bottom + 17, "text-anchor": "middle" }, text)]),
       );
     }
     const middle = (box.top + box.bottom) / 2;
@@ -112,7 +113,7 @@
     const fitted = room < 0 ? { textLength: width - 4, lengthAdjust: "spacingAndGlyphs" } : {};
     parts.push(
       make("svg:text", { class: "moving-title", x: Math.max(0, Math.min(box.left, room)), y: 15, ...fitted }, chart.title),
-      make("svg:text", { x: (box.left + box.right) / 2, y: box.bottom + 35, "text-anchor": "middle" }, chart.x.label),
+      ...(chart.shares ? [] : [make("svg:text", { x: (box.left + box.right) / 2, y: box.bottom + 35, "text-anchor": "middle" }, chart.x.label)]),
       make("svg:text", { x: 12, y: middle, transform: `rotate(-90 12 ${middle})`, "text-anchor": "middle" }, chart.y.label),
     );
     return parts;

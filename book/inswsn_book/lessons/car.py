@@ -140,7 +140,6 @@ def show_drive(drive: Drive, told: FilterSettings, known: VehicleRun) -> dict[st
     for part, chart in enumerate(_along_and_across(shown, 100)):
         shown.draw(chart, "ins", "INS alone", partial(curve, part, "none"))
         shown.draw(chart, "kalman", "aided", partial(curve, part))
-    shown.number("truth", "the road turns by", bend)
     shown.number("computed", "INS alone: along, across", lambda k: ends("none", k))
     shown.number("computed", "aided: along, across", lambda k, a: ends(a, k))
     shown.sentence(lambda k, a: (

@@ -90,7 +90,7 @@ def show_turn(drives: Mapping[float, Passage]) -> None:
     shown = Moving(
         "What a turn does in an outage",
         Slider("b", "network lost at", begins, 20.0, "{:g} s", plays=True),
-        Slider("share", "error of the heading, times", shares, 1.0, "{:g}"),
+        Slider("share", "heading error, times", shares, 1.0, "{:g}"),
     )
     drawn = shown.map("The map: drag the outage along it", xlim=(350, 530), ylim=(10, 130))
     shown.draw(drawn, "truth", "true", true.T, at=60)
@@ -344,7 +344,7 @@ def show_heading(
     shown = Moving(
         "A state for the heading",
         Slider("b", "network lost at", begins, 20.0, "{:g} s"),
-        Slider("share", "error of the heading, times", list(drives), 1.0, "{:g}"),
+        Slider("share", "heading error, times", list(drives), 1.0, "{:g}"),
     )
     chart = shown.chart(ylim=(0, 60), **SINCE)
     shown.draw_each(chart, labels, lambda m, b, share: (since, found[m, b, share]))
