@@ -49,7 +49,9 @@
     const content = JSON.parse(root.querySelector("script").textContent);
     for (const [i, chart] of content.charts.entries()) {
       chart.tall = [330, 250, 200][Math.min(content.charts.length, 3) - 1]; // they have to be seen at once
-      chart.shares = JSON.stringify(chart.x) === JSON.stringify(content.charts[i + 1]?.x); // the x axis, with the one below
+      if (JSON.stringify(chart.x) === JSON.stringify(content.charts[i + 1]?.x)) { // the chart below says it
+        chart.x = { ...chart.x, label: "", ticks: chart.x.ticks.map(([value]) => [value, ""]) };
+      }
       const { x, y, series } = chart;
       for (const each of series) {
         let xs;
@@ -75,7 +77,7 @@
     const box = { left: 52, right: width - beside - 16, top: 26 };
     const [x, y] = [chart.x.ends, chart.y.ends];
     const across = (box.right - box.left) / (x[1] - x[0]);
-    const tall = chart.equal ? Math.min((y[1] - y[0]) * across, width < 500 ? 200 : chart.tall) : Math.min(190, 0.7 * width, (width < 500 ? 0.7 : 0.76) * chart.tall);
+    const tall = chart.equal ? Math.min((y[1] - y[0]) * across, width < 500 ? 200 : chart.tall) : Math.min(190, 0.7 * Math.min(width, chart.tall));
     box.bottom = box.top + tall;
     const up = tall / (y[1] - y[0]);
     const wide = chart.equal ? Math.min(across, up) : across;
@@ -83,7 +85,7 @@
     const inside = (value, [low, high]) => Math.min(Math.max(value, low), high);
     return {
       box,
-      height: box.bottom + (chart.shares ? 6 : 40),
+      height: box.bottom + (chart.x.label ? 40 : 6),
       wide,
       start: [x[0], y[0]],
       x: (value) => box.left + (inside(value, x) - x[0]) * wide,
@@ -105,7 +107,7 @@
       const at = frame.x(value);
       parts.push(
         make("svg:line", { class: "moving-grid", x1: at, x2: at, y1: box.top, y2: box.bottom }),
-        ...(chart.shares ? [] : [make("svg:text", { x: at, y: box.bottom + 17, "text-anchor": "middle" }, text)]),
+        make("svg:text", { x: at, y: box.bottom + 17, "text-anchor": "middle" }, text),
       );
     }
     const middle = (box.top + box.bottom) / 2;
@@ -113,7 +115,7 @@
     const fitted = room < 0 ? { textLength: width - 4, lengthAdjust: "spacingAndGlyphs" } : {};
     parts.push(
       make("svg:text", { class: "moving-title", x: Math.max(0, Math.min(box.left, room)), y: 15, ...fitted }, chart.title),
-      ...(chart.shares ? [] : [make("svg:text", { x: (box.left + box.right) / 2, y: box.bottom + 35, "text-anchor": "middle" }, chart.x.label)]),
+      make("svg:text", { x: (box.left + box.right) / 2, y: box.bottom + 35, "text-anchor": "middle" }, chart.x.label),
       make("svg:text", { x: 12, y: middle, transform: `rotate(-90 12 ${middle})`, "text-anchor": "middle" }, chart.y.label),
     );
     return parts;

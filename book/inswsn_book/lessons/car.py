@@ -128,9 +128,6 @@ def show_drive(drive: Drive, told: FilterSettings, known: VehicleRun) -> dict[st
     shown.draw(drawn, "ins", "", lambda k: road[k : k + LENGTH + 1 : 4].T)
     shown.draw(drawn, "ins", "", lambda k: road[[k + LENGTH // 2]].T, style="handle")
 
-    def bend(k: int) -> str:
-        return f"{bends[order.index(k)]:.0f}°"
-
     def curve(part: int, a: str, k: int) -> Any:
         return t, by_aids[a][part][t, order.index(k)]
 
@@ -143,8 +140,9 @@ def show_drive(drive: Drive, told: FilterSettings, known: VehicleRun) -> dict[st
     shown.number("computed", "INS alone: along, across", lambda k: ends("none", k))
     shown.number("computed", "aided: along, across", lambda k, a: ends(a, k))
     shown.sentence(lambda k, a: (
-        f"Satellites lost at {k} s, on a road that turns by {bend(k)}. Errors along and across it "
-        f"after {LENGTH} s: INS alone {ends('none', k)}; with aids ({a}) {ends(a, k)}."
+        f"Satellites lost at {k} s, on a road that turns by {bends[order.index(k)]:.0f}°. Errors "
+        f"along and across it after {LENGTH} s: INS alone {ends('none', k)}; "
+        f"with aids ({a}) {ends(a, k)}."
     ))  # fmt: skip
     shown.show(
         "fig-l6-drive",

@@ -67,7 +67,7 @@ def _of(drive: Passage) -> tuple[Array, Array, Array, int]:
 
 
 def show_turn(drives: Mapping[float, Passage]) -> None:
-    """Show an outage on the map, by where it begins and by the heading's error.
+    """Show an outage on the map, by where it begins and by the heading error.
 
     The INS goes on from the last fix of position and velocity.
     """
@@ -109,7 +109,7 @@ def show_turn(drives: Mapping[float, Passage]) -> None:
     )
     shown.sentence(lambda b, share: (
         f"The network is lost at {b:g} s, for 10 s, in which the road turns by {bends[b]:.0f} "
-        f"degrees. With the heading's error times {share:g}, the mean error of the INS is "
+        f"degrees. With the heading error times {share:g}, the mean error of the INS is "
         f"{mean(b, share)}."
     ))  # fmt: skip
     shown.show(
@@ -350,7 +350,7 @@ def show_heading(
     shown.draw_each(chart, labels, lambda m, b, share: (since, found[m, b, share]))
     means = shown.number_each(labels, lambda m, b, share: f"{found[m, b, share].mean():.1f} m")
     shown.sentence(lambda b, share: (
-        f"Mean errors if the network is lost at {b:g} s, with the heading's error times {share:g}: "
+        f"Mean errors if the network is lost at {b:g} s, with the heading error times {share:g}: "
         f"{means(b, share)}."
     ))  # fmt: skip
     shown.show(
@@ -381,7 +381,7 @@ def hold(
     rehearsed = off(bridge(u[:heard], y[:half], *chosen[1:]) - y[half:])
     record.note("off.rehearsed", best, "m", "Mean distance, LS-SVM.")
     record.note("rehearsed", rehearsed, "m", "Mean distance, LS-SVM, in the rehearsal.")
-    record.note("straight", straight, "m", "Kalman filter, no error of the heading.")
+    record.note("straight", straight, "m", "Kalman filter, no heading error.")
     taken = 100 * along / (along + 1000)
     for name, value in (("along", along), ("across", across), ("taken", taken)):
         record.note(name, value, "1", "Of the first two directions: squares, and %.")
