@@ -118,7 +118,7 @@
       make("svg:text", { x: (box.left + box.right) / 2, y: box.bottom + 35, "text-anchor": "middle" }, chart.x.label),
       make("svg:text", { x: 12, y: middle, transform: `rotate(-90 12 ${middle})`, "text-anchor": "middle" }, chart.y.label),
     );
-    return parts;
+    return parts.filter((part) => part.localName !== "text" || part.textContent); // of a shared axis
   }
 
   function seriesOf(series, values, frame, [colour, dashes]) {

@@ -233,6 +233,21 @@ def test_sheets_are_numbered_and_none_is_blank(printed: list[Printed]) -> None:
             assert len(rest) > 20, number
 
 
+def test_no_sheet_is_half_empty_before_a_part_ends(printed: list[Printed]) -> None:
+    for one in printed:
+        ends = {sheet for level, _, sheet in one.outline if level == 0} | {len(one.sheets)}
+        for number, sheet in enumerate(one.reader.pages, start=1):
+            heights: list[float] = []  # of the words; the lowest is the number of the sheet
+
+            def see(text: str, to_page: list[float], to_text: list[float], *_: Any) -> None:
+                if text.strip():
+                    heights.append(to_page[3] * to_text[5] + to_page[5])  # noqa: B023
+
+            sheet.extract_text(visitor_text=see)
+            lowest = sorted(heights)[1]
+            assert lowest < float(sheet.mediabox.height) / 2 or number in ends, number
+
+
 def stands_on(sheets: list[str], words: str) -> bool:
     """Whether words stand on a sheet, or begin on one and end on the next."""
     return any(words in sheet for sheet in sheets) or any(
