@@ -147,6 +147,8 @@ def _article(site: Path, page: str) -> Tag:
         tag.decompose()
     for image in article.find_all("img"):
         del image["loading"]  # paper shows all
+    for name in article.select("th code .pre"):
+        name.replace_with(BeautifulSoup(str(name).replace("_", "_<wbr>"), "html.parser"))
     for tag in article.find_all(id=True):
         tag["id"] = f"{tag['id']}@{page}"
     for section in article.select("section[id]"):  # which may begin at the foot of the sheet before
